@@ -1,0 +1,1 @@
+"""Benchmarks of shellkit: run `python -m benchmarks --help` from the root of the repository."""

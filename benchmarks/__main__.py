@@ -1,0 +1,53 @@
+"""The command line: `python -m benchmarks NAME …` from the root of the repository."""
+
+import argparse
+import importlib
+import os
+import sys
+
+from . import report
+from .case import Row, run
+
+
+NAMES = ("design_step", "relaxation", "scaling", "gradient_cost", "energy_kernel")
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("names", nargs="+", metavar="NAME", choices=(*NAMES, "all"), help=f"{', '.join(NAMES)}, or all")
+    parser.add_argument("--quick", action="store_true", help="small cases only; the results lie apart")
+    parser.add_argument("--only", default="", metavar="TEXT", help="only cases with this in their label; others are kept")
+    parser.add_argument("--threads", type=int, default=len(os.sched_getaffinity(0)), help="cores for each case")
+    parser.add_argument(
+        "--peer-python",
+        default=os.environ.get("SHELLKIT_PEER_PYTHON"),
+        metavar="PATH",
+        help="interpreter with triangulax and optimistix (default: $SHELLKIT_PEER_PYTHON); without it they are left out",
+    )
+    return parser.parse_args()
+
+
+def _benchmark(name: str, options: argparse.Namespace) -> bool:
+    benchmark = importlib.import_module(f"benchmarks.{name}")
+    kept = {row["label"]: row for row in report.load(name, options.quick)}
+    rows: list[Row] = []
+    for case in benchmark.cases(options.quick):
+        if options.only in case.label:
+            print(f"{name}: {case.label} …", end=" ", flush=True)
+            row = run(case, options.threads, options.peer_python)
+            print(report.missing(row) or "done", flush=True)
+            rows.append(row)
+        elif case.label in kept:
+            rows.append(kept[case.label])
+    report.store(name, options.quick, rows, benchmark.page(rows))
+    return not any("failed" in row for row in rows)
+
+
+def main() -> None:
+    options = _options()
+    names = NAMES if "all" in options.names else options.names
+    sys.exit(0 if all([_benchmark(name, options) for name in names]) else 1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,89 @@
+"""One measurement: what is run in which interpreter, and how it is run there."""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from . import meshes
+
+
+ROOT = Path(__file__).parent.parent
+Row = dict[str, Any]
+
+
+@dataclass(frozen=True)
+class Case:
+    """A call of `benchmarks.workers.<worker>.measure(**arguments)` in a process of its own.
+
+    An argument called `mesh` is the name of a mesh, and reaches the worker as the path of its file.
+    """
+
+    label: str
+    worker: str
+    arguments: dict[str, Any] = field(default_factory=dict)
+    of_peer: bool = False
+    threads: int | None = None  # None: what the command line says
+    needs_gb: float = 1.0
+    limit_s: float = 900.0
+
+
+def run(case: Case, threads: int, peer_python: str | None) -> Row:
+    """Run a case and return its record: label, arguments, conditions, and the worker's figures, or under `"skipped"` or
+    `"failed"` why there are none."""
+    row: Row = {
+        "label": case.label,
+        **case.arguments,
+        "threads": case.threads or threads,
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "load": round(os.getloadavg()[0], 2),
+    }
+    if case.of_peer and peer_python is None:
+        return row | {"skipped": "no interpreter with triangulax was named: use --peer-python"}
+    free = _available_gb()
+    if free < case.needs_gb:
+        return row | {"skipped": f"needs about {case.needs_gb:.0f} GB of memory, and {free:.0f} GB are free"}
+    arguments = dict(case.arguments)
+    if "mesh" in arguments:
+        arguments["mesh"] = str(meshes.file(arguments["mesh"]))
+    python = peer_python if case.of_peer else sys.executable
+    assert python is not None
+    return row | _call(python, case, arguments, row["threads"])
+
+
+def _call(python: str, case: Case, arguments: dict[str, Any], threads: int) -> Row:
+    with tempfile.TemporaryDirectory() as folder:
+        request, answer = Path(folder, "request.json"), Path(folder, "answer.json")
+        request.write_text(json.dumps({"worker": case.worker, "arguments": arguments, "threads": threads}))
+        settings = {
+            "JAX_PLATFORMS": "cpu",
+            "JAX_ENABLE_X64": "1",
+            "JAX_TRACEBACK_FILTERING": "off",  # the last line is then the error
+            "OMP_NUM_THREADS": str(threads),
+        }
+        try:
+            finished = subprocess.run(
+                [python, "-m", "benchmarks.child", str(request), str(answer)],
+                cwd=ROOT,
+                env=os.environ | settings,
+                capture_output=True,
+                text=True,
+                timeout=case.limit_s,
+            )
+        except subprocess.TimeoutExpired:
+            return {"failed": f"took more than {case.limit_s:.0f} s"}
+        if finished.returncode or not answer.exists():
+            reason = finished.stderr.strip().splitlines()[-1:] or [f"ended with code {finished.returncode}"]
+            print(finished.stderr, file=sys.stderr)
+            return {"failed": reason[0][:300]}
+        return json.loads(answer.read_text())
+
+
+def _available_gb() -> float:
+    lines = Path("/proc/meminfo").read_text().splitlines()
+    return next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable")) / 1024**2

@@ -1,0 +1,73 @@
+"""Relaxation: force and distance to the minimum against time, for SparseNewton and optimistix's minimisers."""
+
+from . import report
+from .case import Case, Row
+
+
+# mesh, director field, heading; BFGS keeps a dense matrix, and is for the small one
+_SCENES = {
+    "icosphere-1": ("teacher", "42 vertices, teacher, λ = 1.1"),
+    "icosphere-3": ("teacher", "642 vertices, teacher, λ = 1.1"),
+    "suzanne": ("random", 'Suzanne, 1400 vertices, neo-Hookean, `form="tan"`, random directors, λ = 1.5'),
+}
+_MINIMISERS = ("SparseNewton", "NonlinearCG", "LBFGS", "BFGS")
+_FORCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
+
+
+def cases(quick: bool) -> list[Case]:
+    return [
+        Case(
+            f"{mesh} {minimiser}",
+            "relaxation",
+            {
+                "mesh": mesh,
+                "field": field,
+                "minimiser": minimiser,
+                "max_steps": 1000 if quick else 20_000,
+                "limit_s": 5.0 if quick else 20.0,
+                "runs": 1 if quick else 3,
+            },
+        )
+        for mesh, (field, _) in _SCENES.items()
+        for minimiser in _MINIMISERS
+        if mesh == "icosphere-1" or (minimiser != "BFGS" and not quick)
+    ]
+
+
+def page(rows: list[Row]) -> str:
+    sections = []
+    for mesh, (_, heading) in _SCENES.items():
+        here = [row for row in rows if row["mesh"] == mesh]
+        if here:
+            sections.append(f"### {heading}\n\n{_table(here)}")
+    return "\n\n".join([_INTRODUCTION, *sections])
+
+
+_INTRODUCTION = """\
+Every minimiser starts at rest and goes on, with no tolerance, to where rounding stops it, or for 20 s. Times until the
+Euclidean norm of ∇E first falls below a bound, medians of three descents, without compilation; *end* is the smallest
+force met, and how far the shape there is from the minimum (largest vertex distance after alignment; the unit is the
+radius)."""
+
+
+def _table(rows: list[Row]) -> str:
+    head = ("", *(f"&#124;∇E&#124; < {bound:.0e}" for bound in _FORCES), "end: &#124;∇E&#124;", "distance", "steps", "time")
+    lines = []
+    for row in rows:
+        if reason := report.missing(row):
+            lines.append([row["minimiser"], f"*{reason}*", *[""] * (len(head) - 2)])
+            continue
+        trace = row["trace"]
+        best = min(trace, key=lambda point: point["force"])
+        reached = [next((point for point in trace if point["force"] < bound), None) for bound in _FORCES]
+        lines.append(
+            [
+                row["minimiser"],
+                *(report.seconds(point["seconds"]) if point else "never" for point in reached),
+                report.small(best["force"]),
+                report.small(best["distance"]),
+                str(best["steps"]),
+                report.seconds(best["seconds"]),
+            ]
+        )
+    return report.table(head, lines)

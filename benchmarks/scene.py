@@ -1,0 +1,30 @@
+"""The numbers of the design problems, shared by shellkit and its peer so that both solve the same ones: those of
+triangulax's tutorial on inverse problems. Needs nothing but JAX."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+
+THICKNESS = 0.1
+FOLDS = 1e-4  # weight of the penalty on folds, in the sphericity problem
+SMOOTHNESS_OF = {"ellipsoid": 1e-3, "sphericity": 1e-2}  # weight of the smoothness of the directors
+
+
+def ellipsoid(vertices: jax.Array) -> jax.Array:
+    """The target of the ellipsoid problem: the sphere, stretched along z."""
+    return vertices * jnp.array([0.95, 0.95, 1.2])
+
+
+def fields(name: str, n_faces: int) -> tuple[jax.Array, jax.Array]:
+    """Director angles of the top and the bottom layer: `"zero"`, where the tutorial's training begins, or `"random"`."""
+    if name == "zero":
+        return jnp.zeros(n_faces), jnp.zeros(n_faces)
+    top, bottom = np.random.default_rng(0).uniform(0, np.pi, (2, n_faces))
+    return jnp.asarray(top), jnp.asarray(bottom)
+
+
+def probes(gradient: tuple[jax.Array, jax.Array], count: int = 16) -> list[float]:
+    """The gradient along a few fixed random directions, by which those of two libraries are compared."""
+    directions = np.random.default_rng(1).standard_normal((count, sum(map(len, gradient))))
+    return (directions @ np.concatenate(gradient)).tolist()

@@ -1,0 +1,72 @@
+"""Thin elastic shells as trainable models, on JAX and Equinox."""
+
+from . import meshes as meshes
+from ._actuation import (
+    Actuation as Actuation,
+    Bilayer as Bilayer,
+    IsotropicGrowth as IsotropicGrowth,
+    Nematic as Nematic,
+    OrthotropicGrowth as OrthotropicGrowth,
+    Passive as Passive,
+    Prescribed as Prescribed,
+    SheetActuation as SheetActuation,
+)
+from ._align import (
+    Aligner as Aligner,
+    Kabsch as Kabsch,
+    Landmarks as Landmarks,
+    Motion as Motion,
+    NoAlignment as NoAlignment,
+    Similarity as Similarity,
+)
+from ._checkpoint import load_checkpoint as load_checkpoint
+from ._energy import (
+    Bending as Bending,
+    DihedralBending as DihedralBending,
+    EnergyTerm as EnergyTerm,
+    FormEnergy as FormEnergy,
+    NeoHookean as NeoHookean,
+    StVenantKirchhoff as StVenantKirchhoff,
+)
+from ._equilibrium import Equilibrium as Equilibrium, RESULTS as RESULTS
+from ._fit import fit as fit
+from ._geometry.curvature import (
+    dihedral_angles as dihedral_angles,
+    gauss_curvature as gauss_curvature,
+    mean_curvature as mean_curvature,
+)
+from ._geometry.directors import director_angles as director_angles, directors as directors
+from ._geometry.forms import first_form as first_form, second_form as second_form
+from ._geometry.surface import (
+    enclosed_volume as enclosed_volume,
+    face_areas as face_areas,
+    face_frames as face_frames,
+    face_normals as face_normals,
+    surface_area as surface_area,
+    vertex_areas as vertex_areas,
+)
+from ._history import FitResult as FitResult, History as History
+from ._loss import (
+    Area as Area,
+    DirectorSmoothness as DirectorSmoothness,
+    FoldPenalty as FoldPenalty,
+    GaussCurvature as GaussCurvature,
+    LandmarkDistance as LandmarkDistance,
+    LeastSquaresLoss as LeastSquaresLoss,
+    Loss as Loss,
+    MeanCurvature as MeanCurvature,
+    Sphericity as Sphericity,
+    StrainLimit as StrainLimit,
+    VertexDistance as VertexDistance,
+    Volume as Volume,
+)
+from ._mesh.mesh import Mesh as Mesh
+from ._problem import InverseProblem as InverseProblem
+from ._rest import RestShape as RestShape
+from ._solve.choose import direct_solver as direct_solver
+from ._solve.cholmod import Cholmod as Cholmod
+from ._solve.iterative import ConjugateGradients as ConjugateGradients
+from ._solve.newton import SparseNewton as SparseNewton
+from ._solve.operator import SparseSymmetric as SparseSymmetric
+from ._solve.pardiso import Pardiso as Pardiso
+from ._solve.superlu import SuperLU as SuperLU

@@ -1,0 +1,98 @@
+"""What an actuation is: a map from the rest shape of a sheet to the one that it would like to have."""
+
+import abc
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+from .._mesh.mesh import Mesh
+from .._rest import RestShape
+
+
+class Actuation(eqx.Module):
+    """Turns the rest shape of a mesh into the rest shape under actuation. Subclass it to write one of your own.
+
+    Any array of an actuation can be trained. Nothing is assumed of how it is made, except that it maps a
+    [`shellkit.RestShape`][] to another with the same faces.
+    """
+
+    @abc.abstractmethod
+    def __call__(self, rest: RestShape) -> RestShape:
+        """The rest shape under actuation."""
+
+    def director_fields(self) -> tuple[Float[Array, " F"], ...]:
+        """The fields of director angles in this actuation, one a layer; none by default."""
+        return ()
+
+    def at(self, progress: float | Float[Array, ""]) -> "Actuation":
+        """This actuation, gone through by a fraction `progress` between 0 (none) and 1 (all of it).
+
+        By default the two forms are interpolated; a nematic sheet is heated slowly instead.
+        """
+        return PartialActuation(self, progress)
+
+    def check(self, mesh: Mesh) -> None:
+        """Raise a `ValueError` if this actuation does not fit the mesh; called when a problem is built."""
+
+
+class PartialActuation(Actuation):
+    """An actuation of which a fraction has happened: forms interpolated between the rest shape and the actuated one."""
+
+    whole: Actuation
+    progress: float | Float[Array, ""]
+
+    def __call__(self, rest: RestShape) -> RestShape:
+        actuated = self.whole(rest)
+        between = lambda start, end: None if start is None else start + self.progress * (end - start)
+        return RestShape(
+            between(rest.metric, actuated.metric),
+            between(rest.curvature, actuated.curvature),
+            between(rest.thickness, actuated.thickness),
+        )
+
+    def director_fields(self) -> tuple[Float[Array, " F"], ...]:
+        return self.whole.director_fields()
+
+    def check(self, mesh: Mesh) -> None:
+        self.whole.check(mesh)
+
+
+class SheetActuation(Actuation):
+    """An actuation that changes the metric of a sheet and leaves its curvature form and thickness alone."""
+
+    @abc.abstractmethod
+    def actuated_metric(self, metric: Float[Array, "F 2 2"]) -> Float[Array, "F 2 2"]:
+        """The metric under actuation."""
+
+    def __call__(self, rest: RestShape) -> RestShape:
+        return RestShape(self.actuated_metric(rest.metric), rest.curvature, rest.thickness)
+
+
+class Passive(SheetActuation):
+    """No actuation: the rest shape stays what it is."""
+
+    def actuated_metric(self, metric: Float[Array, "F 2 2"]) -> Float[Array, "F 2 2"]:
+        return metric
+
+    def at(self, progress: float | Float[Array, ""]) -> "Passive":
+        return self
+
+
+def check_per_face(owner: str, name: str, value: Array, mesh: Mesh, *, scalar: bool, positive: bool = False) -> None:
+    """Refuse a field that does not fit the faces, is not finite, or is not positive where it must be."""
+    expected = f"one a face, shape ({mesh.n_faces},)"
+    if value.shape != (mesh.n_faces,) and not (scalar and value.shape == ()):
+        raise ValueError(
+            f"{owner}: {name} has shape {value.shape}, but the mesh has {mesh.n_faces} faces and {mesh.n_vertices} vertices; "
+            f"give {'one number or ' if scalar else ''}{expected}."
+        )
+    if isinstance(value, jax.core.Tracer):
+        return
+    numbers = np.atleast_1d(np.asarray(value))
+    bad = np.flatnonzero(~np.isfinite(numbers) | (positive & ~(numbers > 0)))
+    if len(bad):
+        where = f" of face {bad[0]}" if numbers.size > 1 else ""
+        kind = "finite and positive" if positive else "finite"
+        raise ValueError(f"{owner}: the {name}{where} is {numbers[bad[0]]}; it must be {kind}.")

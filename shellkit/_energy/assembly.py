@@ -1,0 +1,243 @@
+"""From elements to vectors and matrices: the unknowns of a scene, the sparsity of its Hessian, and where each element adds.
+
+All of it depends on connectivity, terms and supports alone, and is found once, in numpy, when a problem is built.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+
+from .._geometry.patches import CORNER_PAIRS
+from .._mesh.mesh import Mesh
+from .._solve.operator import SparseSymmetric
+from .._solve.pattern import SymmetricPattern
+from .base import AbstractEnergy, EnergyTerm, FormEnergy
+
+
+class Assembly(eqx.Module):
+    """Numbering and sparsity of one scene.
+
+    Unknowns are the three coordinates of every vertex, then one director angle an edge where directors are free; held
+    ones are left out. Entries of the index arrays beyond the last row or non-zero are dropped when they are added.
+    """
+
+    free: Int[Array, " n"] | None  # the unknowns that are not held; None if all are free
+    pattern: SymmetricPattern
+    stencils: tuple[Int[Array, "N k"], ...]
+    face_unknowns: Int[Array, "m F"] | None
+    face_entries: Int[Array, "F m m"] | None
+    corner_entries: Int[Array, "6 3 3 F"] | None
+    element_entries: tuple[Int[Array, "N k 3 k 3"], ...]
+    n_vertices: int = eqx.field(static=True)
+    n_directors: int = eqx.field(static=True)
+
+    @classmethod
+    def of(cls, energy: AbstractEnergy, mesh: Mesh, held: Bool[np.ndarray, " N"] | None = None) -> "Assembly":
+        """Number the unknowns of an energy on a mesh.
+
+        **Arguments:**
+
+        - `energy`: the sum of terms.
+        - `mesh`: the surface.
+        - `held`: which of the unknowns are held; `None` for none.
+        """
+        terms = [term for _, term in energy.weighted_terms()]
+        face_terms = [term for term in terms if isinstance(term, FormEnergy)]
+        bends = any(term.form is not None for term in face_terms)
+        directors = mesh.n_edges if any(term.directors == "free" for term in face_terms) else 0
+        size = 3 * mesh.n_vertices + directors
+
+        # Nodes are vertices (three unknowns) and, behind them, edges with a director (one).
+        face_nodes = None
+        if face_terms:
+            parts = [np.asarray(mesh.faces)]
+            if bends:
+                parts.append(np.asarray(mesh.face_opposite))
+            if directors:
+                parts.append(mesh.n_vertices + np.asarray(mesh.face_edges))
+            face_nodes = np.hstack(parts)
+        stencils = [np.asarray(term.stencil(mesh)) for term in terms if isinstance(term, EnergyTerm)]
+        for term, stencil in zip((t for t in terms if isinstance(t, EnergyTerm)), stencils, strict=True):
+            _check_stencil(type(term).__name__, stencil, mesh)
+
+        groups = ([] if face_nodes is None else [face_nodes]) + stencils
+        pattern, entries = _entries(groups, np.zeros(size, bool) if held is None else held, mesh.n_vertices)
+        face_entries = corner_entries = None
+        if face_nodes is not None:
+            face_entries = entries.pop(0)
+            corner_entries = jnp.asarray(_corner_entries(face_entries, pattern.nnz))
+            face_entries = jnp.asarray(face_entries)
+        return cls(
+            free=None if held is None else jnp.asarray(np.flatnonzero(~held).astype(np.int32)),
+            pattern=pattern,
+            stencils=tuple(jnp.asarray(stencil.astype(np.int32)) for stencil in stencils),
+            face_unknowns=None if face_nodes is None else jnp.asarray(_unknowns(face_nodes, mesh.n_vertices)),
+            face_entries=face_entries,
+            corner_entries=corner_entries,
+            element_entries=tuple(
+                jnp.asarray(e.reshape(len(e), s.shape[1], 3, s.shape[1], 3))
+                for e, s in zip(entries, stencils, strict=True)
+            ),
+            n_vertices=mesh.n_vertices,
+            n_directors=directors,
+        )
+
+    @property
+    def size(self) -> int:
+        """How many unknowns there are, held ones included."""
+        return 3 * self.n_vertices + self.n_directors
+
+    def like(self, dtype):
+        """The structure of a free scene's fields: positions, or positions and directors."""
+        vertices = jax.ShapeDtypeStruct((self.n_vertices, 3), dtype)
+        return (vertices, jax.ShapeDtypeStruct((self.n_directors,), dtype)) if self.n_directors else vertices
+
+    def split(self, unknowns: Float[Array, " N"]) -> tuple[Float[Array, "V 3"], Float[Array, " E"] | None]:
+        """Positions and directors from the vector of all unknowns."""
+        vertices = unknowns[: 3 * self.n_vertices].reshape(-1, 3)
+        return vertices, unknowns[3 * self.n_vertices :] if self.n_directors else None
+
+    def join(self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None) -> Float[Array, " N"]:
+        """The vector of all unknowns."""
+        if not self.n_directors:
+            return vertices.reshape(-1)
+        if directors is None:
+            directors = jnp.zeros(self.n_directors, vertices.dtype)
+        return jnp.concatenate([vertices.reshape(-1), directors])
+
+    def restrict(self, unknowns: Float[Array, " N"]) -> Float[Array, " n"]:
+        """The free ones among all unknowns."""
+        return unknowns if self.free is None else unknowns[self.free]
+
+    def extend(self, free: Float[Array, " n"], held: Float[Array, " N"]) -> Float[Array, " N"]:
+        """All unknowns: the free ones as given, the others from `held`."""
+        return free if self.free is None else held.at[self.free].set(free)
+
+    def vector(
+        self, faces: Float[Array, "m F"] | None, elements: tuple[Float[Array, "N k 3"], ...]
+    ) -> Float[Array, " N"]:
+        """Add up the gradients of elements, over all unknowns."""
+        total = jnp.zeros(self.size)
+        if faces is not None:
+            total = total.at[self.face_unknowns].add(faces, mode="drop")
+        if elements:
+            forces = jnp.zeros((self.n_vertices, 3))
+            for stencil, gradient in zip(self.stencils, elements, strict=True):
+                forces = forces.at[stencil].add(gradient)
+            total = total.at[: 3 * self.n_vertices].add(forces.reshape(-1))
+        return total
+
+    def matrix(
+        self,
+        faces: tuple[Float[Array, "F m m"], Float[Array, "6 3 3 F"]] | None,
+        elements: tuple[Float[Array, "N k 3 k 3"], ...],
+    ) -> SparseSymmetric:
+        """Add up the Hessians of elements, over the free unknowns."""
+        values = jnp.zeros(self.pattern.nnz)
+        if faces is not None:
+            stiffness, geometric = faces
+            # The smaller part first: XLA then adds the larger one in place.
+            values = values.at[self.corner_entries].add(geometric, mode="drop")
+            values = values.at[self.face_entries].add(stiffness, mode="drop")
+        for entries, hessian in zip(self.element_entries, elements, strict=True):
+            values = values.at[entries].add(hessian, mode="drop")
+        return SparseSymmetric(self.pattern, values)
+
+
+def _check_stencil(name: str, stencil: np.ndarray, mesh: Mesh) -> None:
+    if stencil.ndim != 2 or not np.issubdtype(stencil.dtype, np.integer):
+        raise ValueError(
+            f"{name}.stencil returned an array of shape {stencil.shape} and type {stencil.dtype}; expected integers "
+            "of shape (elements, vertices of an element)."
+        )
+    bad = np.flatnonzero(((stencil < 0) | (stencil >= mesh.n_vertices)).any(axis=1))
+    if len(bad):
+        raise ValueError(
+            f"{name}.stencil: element {bad[0]} names the vertices {stencil[bad[0]].tolist()}, but the mesh has the vertices "
+            f"0 to {mesh.n_vertices - 1}."
+        )
+
+
+def _first_unknown(nodes: np.ndarray, n_vertices: int) -> np.ndarray:
+    """The first unknown of each node: three a vertex, then one an edge."""
+    return np.where(nodes < n_vertices, 3 * nodes, 2 * n_vertices + nodes)
+
+
+def _widths(nodes: np.ndarray, n_vertices: int) -> list[int]:
+    """How many unknowns each column of a group of elements has; a column holds vertices or edges, not both."""
+    return [3 if column.max() < n_vertices else 1 for column in nodes.T]
+
+
+def _unknowns(nodes: np.ndarray, n_vertices: int) -> np.ndarray:
+    """The unknowns of each element, index-last. Those of absent vertices (-1) lie past any last."""
+    columns = []
+    for node, width in zip(nodes.T, _widths(nodes, n_vertices), strict=True):
+        first = _first_unknown(node, n_vertices)
+        columns += [np.where(node < 0, np.iinfo(np.int32).max, first + k) for k in range(width)]
+    return np.stack(columns).astype(np.int32)
+
+
+def _entries(groups: list[np.ndarray], held: np.ndarray, n_vertices: int) -> tuple[SymmetricPattern, list[np.ndarray]]:
+    """The pattern of all elements together, and the non-zero of each pair of an element's unknowns.
+
+    Pairs below the diagonal, and those of held unknowns or absent vertices, get the index past the last non-zero.
+    Repeated pairs are merged node by node before they are spelled out, which keeps large meshes within memory.
+    """
+    n_nodes = n_vertices + len(held) - 3 * n_vertices
+    pairs = [
+        np.unique(a[upper].astype(np.int64) * n_nodes + b[upper])
+        for nodes in groups
+        for a, b, upper in [_node_pairs(nodes)]
+    ]
+    keys = np.unique(np.concatenate(pairs)) if pairs else np.zeros(0, np.int64)
+    left, right = keys // n_nodes, keys % n_nodes
+    n = int(np.count_nonzero(~held))
+    number = np.where(held, -1, np.cumsum(~held) - 1)
+    rows, columns = (
+        np.where(
+            np.arange(3) < np.where(nodes < n_vertices, 3, 1)[:, None],
+            number[np.minimum(_first_unknown(nodes, n_vertices)[:, None] + np.arange(3), len(held) - 1)],
+            -1,
+        )
+        for nodes in (left, right)
+    )
+    rows, columns = np.broadcast_arrays(rows[:, :, None], columns[:, None, :])
+    listed = (rows >= 0) & (columns >= 0) & (rows <= columns)
+    pattern, positions = SymmetricPattern.of(rows[listed], columns[listed], n)
+    table = np.full(rows.shape, pattern.nnz, np.int32)
+    table[listed] = positions
+
+    entries = []
+    for nodes in groups:
+        a, b, upper = _node_pairs(nodes)
+        block = np.searchsorted(keys, a.astype(np.int64) * n_nodes + b)
+        widths = _widths(nodes, n_vertices)
+        start = np.cumsum([0, *widths])
+        entry = np.full((len(nodes), start[-1], start[-1]), pattern.nnz, np.int32)
+        for p, rows_of_p in enumerate(widths):
+            for q, columns_of_q in enumerate(widths):
+                on = upper[:, p, q]
+                patch = np.full((len(nodes), rows_of_p, columns_of_q), pattern.nnz, np.int32)
+                patch[on] = table[block[on, p, q], :rows_of_p, :columns_of_q]
+                entry[:, start[p] : start[p + 1], start[q] : start[q + 1]] = patch
+        entries.append(entry)
+    return pattern, entries
+
+
+def _corner_entries(face_entries: np.ndarray, dropped: int) -> np.ndarray:
+    """The non-zeros of the blocks over `CORNER_PAIRS`, index-last; the mirror image where the block lies below the diagonal."""
+    corners = face_entries[:, :9, :9]
+    upper = np.where(corners < dropped, corners, np.swapaxes(corners, 1, 2)).reshape(-1, 3, 3, 3, 3)
+    blocks = np.stack([upper[:, p, :, q, :] for p, q in CORNER_PAIRS])
+    for k, (p, q) in enumerate(CORNER_PAIRS):
+        if p == q:
+            blocks[k, :, np.tril_indices(3, -1)[0], np.tril_indices(3, -1)[1]] = dropped
+    return np.ascontiguousarray(np.moveaxis(blocks, 1, -1))
+
+
+def _node_pairs(nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """First and second node of all pairs within each element, and which of them are present and in the upper triangle."""
+    a, b = np.broadcast_arrays(nodes[:, :, None], nodes[:, None, :])
+    return a, b, (a >= 0) & (b >= 0) & (a <= b)

@@ -1,0 +1,86 @@
+"""The energy of one scene at given parameters, as a function of its free unknowns: what a minimiser works on."""
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Scalar
+
+from .._mesh.mesh import Mesh
+from .._rest import RestShape
+from .._solve.operator import SparseSymmetric
+from .assembly import Assembly
+from .base import AbstractEnergy, EnergyTerm, FormEnergy
+from .elements import Elements
+from .faces import FaceEnergies
+
+
+class DiscreteEnergy(eqx.Module):
+    """An energy bound to its mesh, rest shape and supports.
+
+    Calling it gives the energy at the vector `y` of free unknowns; `gradient` and `hessian` are the derivatives in `y`, the
+    latter sparse. All three can be differentiated in whatever the parts were made from.
+    """
+
+    assembly: Assembly
+    faces: FaceEnergies | None
+    elements: tuple[Elements, ...]
+    held: Float[Array, " N"]
+
+    def __init__(
+        self,
+        energy: AbstractEnergy,
+        mesh: Mesh,
+        rest: RestShape,
+        assembly: Assembly,
+        held: Float[Array, " N"],
+    ):
+        """**Arguments:**
+
+        - `energy`, `mesh`, `rest`: what is measured, where, and against what.
+        - `assembly`: the numbering of this energy on this mesh.
+        - `held`: all unknowns; those that are not free keep these values.
+        """
+        weighted = tuple(energy.weighted_terms())
+        on_faces = tuple(
+            (weight, term, term.element_data(mesh, rest)) for weight, term in weighted if isinstance(term, FormEnergy)
+        )
+        own = [(weight, term) for weight, term in weighted if isinstance(term, EnergyTerm)]
+        bending = [term for _, term, _ in on_faces if term.form is not None]
+        self.assembly = assembly
+        self.faces = None
+        if on_faces:
+            form = bending[0].form if bending else None
+            self.faces = FaceEnergies(on_faces, mesh, form, free=assembly.n_directors > 0)
+        self.elements = tuple(
+            Elements(term, weight, term.element_data(mesh, rest), stencil)
+            for (weight, term), stencil in zip(own, assembly.stencils, strict=True)
+        )
+        self.held = held
+
+    def state(self, y: Float[Array, " n"]) -> tuple[Float[Array, "V 3"], Float[Array, " E"] | None]:
+        """Positions and directors at the free unknowns `y`."""
+        return self.assembly.split(self.assembly.extend(y, self.held))
+
+    def __call__(self, y: Float[Array, " n"]) -> Scalar:
+        vertices, directors = self.state(y)
+        total = jnp.zeros(())
+        if self.faces is not None:
+            total = total + self.faces.energy(vertices, directors)
+        for elements in self.elements:
+            total = total + elements.energy(vertices)
+        return total
+
+    def full_gradient(self, y: Float[Array, " n"]) -> Float[Array, " N"]:
+        """The gradient in all unknowns; on the held ones it is minus the reaction."""
+        vertices, directors = self.state(y)
+        faces = None if self.faces is None else self.faces.gradient(vertices, directors)
+        return self.assembly.vector(faces, tuple(elements.gradient(vertices) for elements in self.elements))
+
+    def gradient(self, y: Float[Array, " n"]) -> Float[Array, " n"]:
+        """The gradient in the free unknowns."""
+        return self.assembly.restrict(self.full_gradient(y))
+
+    def hessian(self, y: Float[Array, " n"]) -> SparseSymmetric:
+        """The Hessian in the free unknowns."""
+        vertices, directors = self.state(y)
+        faces = None if self.faces is None else self.faces.hessian(vertices, directors)
+        return self.assembly.matrix(faces, tuple(elements.hessian(vertices) for elements in self.elements))

@@ -1,0 +1,35 @@
+"""Energy, gradient and Hessian of a user's own term, by automatic differentiation of one element."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int, PyTree, Scalar
+
+from .base import EnergyTerm
+
+
+class Elements(eqx.Module):
+    """One term with its stencil, its weight and its data for one rest shape."""
+
+    term: EnergyTerm
+    weight: Scalar | None
+    data: PyTree[Array]
+    stencil: Int[Array, "N k"]
+
+    def _map(self, function, vertices: Float[Array, "V 3"]) -> Array:
+        return jax.vmap(function)(vertices[self.stencil], self.data)
+
+    def _weighted(self, value: Array) -> Array:
+        return value if self.weight is None else self.weight * value
+
+    def energy(self, vertices: Float[Array, "V 3"]) -> Scalar:
+        """The sum over all elements."""
+        return self._weighted(jnp.sum(self._map(self.term.element_energy, vertices)))
+
+    def gradient(self, vertices: Float[Array, "V 3"]) -> Float[Array, "N k 3"]:
+        """Derivatives in the positions of each element."""
+        return self._weighted(self._map(jax.grad(self.term.element_energy), vertices))
+
+    def hessian(self, vertices: Float[Array, "V 3"]) -> Float[Array, "N k 3 k 3"]:
+        """Second derivatives in the positions of each element."""
+        return self._weighted(self._map(jax.hessian(self.term.element_energy), vertices))

@@ -1,0 +1,127 @@
+"""Energy, gradient and Hessian of all terms of a sum that are functions of the fundamental forms of a face.
+
+Each face has up to six intrinsic numbers, its squared edge lengths and half hinge angles. The terms are differentiated in
+those by automatic differentiation, elementwise over all faces; the chain rule to positions is written by hand.
+"""
+
+from collections.abc import Callable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, PyTree, Scalar
+
+from .._geometry.forms import CurvatureForm, curvature_from_angles, director_signs, metric_from_lengths
+from .._geometry.patches import SIGN, HingeGradients, Hinges, Triangles, at_corners, hinge_curvature, length_curvature
+from .._mesh.mesh import Mesh
+from .base import FormEnergy
+
+
+class FaceEnergies(eqx.Module):
+    """The terms of one sum that share the kinematics of faces, with their data for one rest shape.
+
+    Without `form` no term bends: the elements are single faces. With `free` directors each edge has an unknown.
+    """
+
+    terms: tuple[tuple[Array | None, FormEnergy, PyTree[Array]], ...]
+    mesh: Mesh
+    form: CurvatureForm | None = eqx.field(static=True)
+    free: bool = eqx.field(static=True)
+
+    def _density(self, squared_lengths: Float[Array, "3 F"], half_angles: Float[Array, "3 F"] | None):
+        metric = metric_from_lengths(squared_lengths)
+        curvature = None
+        if half_angles is not None:
+            # Heron's formula, sixteen times: the area as a function of the lengths, for the derivatives.
+            twice_area = jnp.sqrt(metric[0] * metric[2] - metric[1] ** 2)
+            curvature = curvature_from_angles(squared_lengths, twice_area, half_angles, self.form)
+        total = 0.0
+        for weight, term, data in self.terms:
+            density = term.density(metric, None if term.form is None else curvature, data)
+            total = total + (density if weight is None else weight * density)
+        return total
+
+    def _intrinsic(self, vertices, directors):
+        triangles = Triangles(vertices, self.mesh)
+        if self.form is None:
+            return triangles, None, tuple(triangles.squared_lengths)
+        hinges = Hinges(vertices, self.mesh, triangles)
+        half = 0.5 * hinges.angles
+        if self.free:
+            half = half + director_signs(self.mesh) * directors[self.mesh.face_edges.T]
+        return triangles, hinges, (*triangles.squared_lengths, *half)
+
+    def _of_numbers(self, *numbers: Float[Array, " F"]) -> Float[Array, " F"]:
+        return self._density(jnp.stack(numbers[:3]), jnp.stack(numbers[3:]) if len(numbers) > 3 else None)
+
+    def _stress(self, *numbers: Float[Array, " F"]) -> tuple[Float[Array, " F"], ...]:
+        """Derivative of the energy of each face in its own intrinsic numbers."""
+        value, pull_back = jax.vjp(self._of_numbers, *numbers)
+        return pull_back(jnp.ones_like(value))
+
+    def energy(self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None) -> Scalar:
+        """The sum over all faces."""
+        return jnp.sum(self._of_numbers(*self._intrinsic(vertices, directors)[2]))
+
+    def gradient(self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None) -> Float[Array, "m F"]:
+        """Derivatives in the m unknowns of each face, in the order of `unknowns`."""
+        triangles, hinges, numbers = self._intrinsic(vertices, directors)
+        stress = jnp.stack(self._stress(*numbers))
+        # Kept in memory, or XLA computes them again for every component.
+        triangles, hinges, stress = jax.lax.optimization_barrier((triangles, hinges, stress))
+        pull = 2.0 * stress[:3, None] * triangles.edges
+        if hinges is None:
+            return jnp.concatenate(at_corners(-pull, pull))
+        tails, heads, near, far = HingeGradients(triangles, hinges).pull_back(0.5 * stress[3:])
+        corners = at_corners(tails - pull, heads + pull)
+        parts = [*(own + shared for own, shared in zip(near, corners, strict=True)), *far]
+        if self.free:
+            parts.append(director_signs(self.mesh) * stress[3:])
+        return jnp.concatenate(parts)
+
+    def hessian(
+        self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None
+    ) -> tuple[Float[Array, "F m m"], Float[Array, "6 3 3 F"]]:
+        """Second derivatives, as two sums over faces: of stiffness in the m unknowns, and of stress in the pairs of corners.
+
+        The corners come in the order of `CORNER_PAIRS`. The stress on a hinge is gathered from both its faces first, so the
+        sums are exact and single elements are not.
+        """
+        triangles, hinges, numbers = self._intrinsic(vertices, directors)
+        stress, stiffness = _second_derivatives(self._stress, numbers)
+        # What several of the sums below use is kept in memory, or XLA computes it again for each.
+        triangles, hinges, stress, stiffness = jax.lax.optimization_barrier((triangles, hinges, stress, stiffness))
+        rows = [[2.0 * SIGN[i, p] * triangles.edges[i] for p in range(3)] for i in range(3)]
+        geometric = length_curvature(stress[:3])
+        if hinges is not None:
+            zero = jnp.zeros_like(triangles.area_normal)
+            on_corners, on_far = HingeGradients(triangles, hinges).rows()
+            rows = [[*row, zero, zero, zero] for row in rows]
+            for i in range(3):
+                far = [0.5 * on_far[i] if k == i else zero for k in range(3)]
+                rows.append([0.5 * gradient for gradient in on_corners[i]] + far)
+            hinge_stress = 0.5 * stress[3:]
+            beyond = hinge_stress.T.reshape(-1)[jnp.maximum(self.mesh.twins.T, 0)]
+            geometric = geometric + hinge_curvature(triangles, hinges.interior * (hinge_stress + beyond))
+        if self.free:
+            signs, none = director_signs(self.mesh), jnp.zeros_like(triangles.twice_area)[None]
+            rows = [row + [signs[k][None] if i == 3 + k else none for k in range(3)] for i, row in enumerate(rows)]
+        rows = jnp.transpose(jnp.stack([jnp.concatenate(row) for row in rows]), (2, 0, 1))
+        return _contract(rows, _contract(jnp.transpose(stiffness, (2, 0, 1)), rows)), geometric
+
+
+def _second_derivatives(
+    stress: Callable[..., tuple[Array, ...]], numbers: tuple[Array, ...]
+) -> tuple[Float[Array, "k F"], Float[Array, "k k F"]]:
+    """First and second derivatives in the intrinsic numbers: one forward tangent each, the others symbolically zero."""
+    columns = []
+    for i, number in enumerate(numbers):
+        along = lambda x, i=i: stress(*numbers[:i], x, *numbers[i + 1 :])
+        first, column = jax.jvp(along, (number,), (jnp.ones_like(number),))
+        columns.append(jnp.stack(column))
+    return jnp.stack(first), jnp.stack(columns)
+
+
+def _contract(a: Float[Array, "F k m"], b: Float[Array, "F k n"]) -> Float[Array, "F m n"]:
+    """a^T b, face by face. As a batched product it also keeps XLA from recomputing its operands for each of its outputs."""
+    return jax.lax.dot_general(a, b, (((1,), (1,)), ((0,), (0,))))

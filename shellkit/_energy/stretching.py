@@ -1,0 +1,111 @@
+"""Stretching energies: functions of the metric of each face against its rest metric."""
+
+from typing import ClassVar
+
+import equinox as eqx
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .._geometry.forms import Components, components, determinant
+from .._mesh.mesh import Mesh
+from .._rest import RestShape
+from .base import FormEnergy
+from .moduli import check_modulus, inverse, lame_halves, quadratic
+
+
+class StVenantKirchhoff(FormEnergy):
+    r"""Stretching energy quadratic in the strain of the metric.
+
+    $$E = \frac h4 \sum_f A \left[\alpha\, \mathrm{tr}(M)^2 + 2\beta\, \mathrm{tr}(M^2)\right], \qquad M = g_r^{-1} g - 1,$$
+
+    with the rest area $A = \frac12\sqrt{\det g_r}$. For moderate strain; a face can be crushed to zero area at a finite cost,
+    for which [`shellkit.NeoHookean`][] is the better choice.
+
+    ??? cite "Source"
+
+        Koiter's shell energy in the discretisation of H.-Y. Chen et al., "Physical simulation of environmentally
+        induced thin shell deformation", ACM Trans. Graph. 37 (2018), equation 6. Their $\alpha$, $\beta$ as here; libshell's
+        convention gives half this energy at equal moduli.
+    """
+
+    alpha: Float[Array, "..."]
+    beta: Float[Array, "..."]
+    form: ClassVar[None] = None
+    directors: ClassVar[str] = "average"
+
+    def __init__(self, alpha: float | Array, beta: float | Array):
+        """**Arguments:**
+
+        - `alpha`, `beta`: half the plane-stress Lamé pair, in units of pressure; one number or one a face.
+        """
+        self.alpha = jnp.asarray(alpha, dtype=float)
+        self.beta = jnp.asarray(beta, dtype=float)
+
+    @classmethod
+    def from_young(cls, young: float | Array, poisson: float | Array) -> "StVenantKirchhoff":
+        """From Young's modulus and Poisson's ratio: alpha = E nu / (2 (1 - nu²)), beta = E / (4 (1 + nu))."""
+        return cls(*lame_halves(young, poisson))
+
+    def check(self, mesh: Mesh) -> None:
+        check_modulus("StVenantKirchhoff", "alpha", self.alpha, mesh)
+        check_modulus("StVenantKirchhoff", "beta", self.beta, mesh)
+
+    def element_data(self, mesh: Mesh, rest: RestShape):
+        metric = components(rest.metric)
+        det = determinant(metric)
+        scale = rest.thickness / 8 * jnp.sqrt(det)
+        return metric, inverse(metric, det), scale * self.alpha, scale * self.beta
+
+    def density(self, metric: Components, curvature: Components | None, data) -> Float[Array, " F"]:
+        rest, rest_inverse, alpha, beta = data
+        strain = tuple(now - then for now, then in zip(metric, rest, strict=True))
+        return quadratic(rest_inverse, strain, alpha, beta)
+
+
+class NeoHookean(FormEnergy):
+    r"""Stretching energy that grows without bound as a face is crushed.
+
+    $$E = \frac h4 \sum_f A \left[\frac\mu2\left(\frac{\mathrm{tr}\,C}{\sqrt{\det C}} - 2\right)
+    + \frac K2\left(\sqrt{\det C} - 1\right)^2\right], \qquad C = g_r^{-1} g.$$
+
+    For small strain it agrees with [`shellkit.StVenantKirchhoff`][] when $\mu = 8\beta$ and $K = 8(\alpha+\beta)$.
+
+    ??? cite "Source"
+
+        The two-dimensional compressible density of the inverse-design tutorial of `triangulax`, with its own moduli 1, 1.
+    """
+
+    bulk: Float[Array, "..."]
+    shear: Float[Array, "..."]
+    form: ClassVar[None] = None
+    directors: ClassVar[str] = "average"
+
+    def __init__(self, bulk: float | Array, shear: float | Array):
+        """**Arguments:**
+
+        - `bulk`, `shear`: $K$ and $\\mu$, in units of pressure; one number or one a face.
+        """
+        self.bulk = jnp.asarray(bulk, dtype=float)
+        self.shear = jnp.asarray(shear, dtype=float)
+
+    @classmethod
+    def from_young(cls, young: float | Array, poisson: float | Array) -> "NeoHookean":
+        """From Young's modulus and Poisson's ratio: mu = 8 beta, K = 8 (alpha + beta), so that small strains agree."""
+        alpha, beta = lame_halves(young, poisson)
+        return cls(bulk=8 * (alpha + beta), shear=8 * beta)
+
+    def check(self, mesh: Mesh) -> None:
+        check_modulus("NeoHookean", "bulk", self.bulk, mesh)
+        check_modulus("NeoHookean", "shear", self.shear, mesh)
+
+    def element_data(self, mesh: Mesh, rest: RestShape):
+        metric = components(rest.metric)
+        det = determinant(metric)
+        scale = rest.thickness / 16 * jnp.sqrt(det)
+        return inverse(metric, det), det, scale * self.bulk, scale * self.shear
+
+    def density(self, metric: Components, curvature: Components | None, data) -> Float[Array, " F"]:
+        rest_inverse, rest_det, bulk, shear = data
+        stretch = jnp.sqrt(determinant(metric) / rest_det)
+        trace = rest_inverse[0] * metric[0] + 2 * rest_inverse[1] * metric[1] + rest_inverse[2] * metric[2]
+        return shear * (trace / stretch - 2) + bulk * (stretch - 1) ** 2

@@ -1,0 +1,54 @@
+"""What a relaxation returns: the shape, and everything about how it was found."""
+
+import equinox as eqx
+import optimistix as optx
+from jaxtyping import Array, Bool, Float, Int, Scalar
+
+from ._mesh.mesh import Mesh
+from ._rest import RestShape
+
+
+class RESULTS(optx.RESULTS):
+    """How a relaxation ended; `RESULTS[equilibrium.result]` is the message."""
+
+    hinge_folded = (
+        "The relaxation ended on a hinge that is folded flat, where the averaged edge normal vanishes and the energy has no "
+        'gradient: there is no equilibrium to find. Use Bending(form="tan"), which resists folding, or a weaker actuation.'
+    )
+    stuck = (
+        "No step lowers the energy, far from an equilibrium. Common causes: a face of nearly no area, an energy that is not "
+        "finite or has no gradient there. Look at equilibrium.vertices, or relax along a path."
+    )
+
+
+class Equilibrium(eqx.Module):
+    """A shape at which the energy is stationary, or as near as the relaxation came.
+
+    `vertices` (and `directors`, the angles by which edge normals are turned, where the energy has them) are differentiable in
+    all arrays of the problem; the diagnostics are not.
+    """
+
+    mesh: Mesh
+    """The surface at rest."""
+    rest: RestShape
+    """The rest shape under actuation."""
+    vertices: Float[Array, "V 3"]
+    """Positions at equilibrium, in the unit of the mesh."""
+    directors: Float[Array, " E"] | None
+    """Angles by which edge normals are turned, in radians; `None` unless directors are free."""
+    energy: Scalar
+    """In units of pressure times volume."""
+    gradient_norm: Scalar
+    """Euclidean norm of the gradient of the energy in all free unknowns."""
+    steps: Int[Array, ""]
+    """Steps of the minimiser."""
+    factorisations: Int[Array, ""]
+    """Factorisations of the Hessian."""
+    converged: Bool[Array, ""]
+    """Whether the minimiser reached its tolerance."""
+    stable: Bool[Array, ""]
+    """Whether the Hessian there has no negative eigenvalue: a minimum, not a saddle."""
+    result: optx.RESULTS
+    """How the relaxation ended; see [`shellkit.RESULTS`][]."""
+    worst_hinge: Int[Array, ""] | None
+    """The edge with the largest hinge angle; `None` where nothing bends."""

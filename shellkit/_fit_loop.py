@@ -1,0 +1,282 @@
+"""What happens in one step of a fit: a design is tried and accepted or refused, recorded, and updated. All that a fit
+carries from one step to the next is a `Run`, replaced as a whole, so that an interrupt finds it consistent."""
+
+import warnings
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+from jaxtyping import Array
+
+from ._checkpoint import Stored, belongs
+from ._design import Design
+from ._fingerprint import describe
+from ._fit_step import Evaluation, advance, evaluate, move, predict, strong
+from ._history import FitResult, FitStep, History, Scalar
+
+
+# A warm start is said to have parted from rest where the losses differ by this fraction of the loss, unless both are
+# as good as zero beside the loss of the first step.
+_PARTED, _ZERO = 1e-3, 1e-6
+
+
+@runtime_checkable
+class Trainable(Protocol):
+    """What `fit` asks of a problem: a pytree with this method, differentiable in its floating-point arrays."""
+
+    def objective(self, start: Any = None) -> tuple[Any, tuple[dict[str, Any], Any]]:
+        """The loss, with the value of each term by name and the equilibrium (or `None`), relaxed from `start`."""
+        ...
+
+
+class Run(NamedTuple):
+    """A fit between two steps. `anchor` is the last accepted design, and `anchor + scale * update` is to be tried next,
+    both in the optimiser's variables; `last` and `best` are values of the trained arrays."""
+
+    step: int
+    anchor: dict[str, Array]
+    update: dict[str, Array]
+    scale: float
+    state: Any
+    last: dict[str, Array]
+    best: dict[str, Array]
+    best_loss: float
+    best_step: int
+    equilibrium: Any
+    seconds: float
+
+
+class Tried(NamedTuple):
+    """A design that was accepted, its scalars on the host, and what it took to get there."""
+
+    found: Evaluation
+    loss: float
+    terms: dict[str, float]
+    others: dict[str, Scalar]
+    start: Any
+    scale: float
+    refused: int
+
+
+class Loop:
+    """The parts of a fit that stay the same from step to step, and what is done with them."""
+
+    def __init__(
+        self,
+        design: Design,
+        optimiser: optax.GradientTransformation,
+        refuses_unconverged: bool,
+        warm_start: str,
+        check_every: int,
+        max_refusals: int,
+    ):
+        self._design = design
+        self._optimiser = optimiser
+        self._refuses_unconverged = refuses_unconverged
+        self._warm_start = warm_start
+        self._check_every = check_every
+        self._max_refusals = max_refusals
+        self._warned: set[str] = set()
+
+    def begin(self, values: dict[str, Array]) -> Run:
+        """The fit before its first step."""
+        free = strong(self._design.free(values))
+        return Run(
+            step=0,
+            anchor=free,
+            update=jax.tree.map(jnp.zeros_like, free),
+            scale=1.0,
+            state=strong(self._optimiser.init(free)),
+            last=values,
+            best=values,
+            best_loss=float("inf"),
+            best_step=0,
+            equilibrium=None,
+            seconds=0.0,
+        )
+
+    def next_design(self, run: Run) -> Tried | None:
+        """The next design that is acceptable along the update, or `None` after too many that are not."""
+        scale = run.scale
+        for refused in range(self._max_refusals + 1):
+            tried, objection = self._try(run, scale, refused)
+            if objection is None:
+                return tried
+            if run.step == 0:
+                raise ValueError(
+                    f"fit cannot begin: at the starting design {objection}. Start from another design, relax it with "
+                    "problem() to see its diagnostics, or pass unconverged='accept' if the minimiser stops short of "
+                    "its tolerance as a rule."
+                )
+            self._warn(
+                "refused",
+                f"fit: the design of step {run.step} was refused, as {objection}. Half of the update is tried from the "
+                "last good design, then less; the history counts such designs in its column 'refused'.",
+            )
+            scale = scale / 2
+        self._warn(
+            "stopped",
+            f"fit: stopped at step {run.step}, as {self._max_refusals + 1} designs in a row were refused; "
+            "the best design is kept.",
+        )
+        return None
+
+    def row(self, run: Run, tried: Tried, history: History, seconds: float) -> dict[str, Scalar]:
+        """The next row of the history, for an accepted design."""
+        row: dict[str, Scalar] = {
+            **tried.others,
+            "refused": tried.refused,
+            "update_scale": tried.scale,
+            "seconds": seconds,
+        }
+        if self._warm_start != "rest":
+            row["warm_gap"] = float("nan")
+            if tried.start is not None and run.step % self._check_every == 0:
+                row["warm_gap"] = self._gap(tried.found.free, tried.loss, history, f"at step {run.step}")
+        taken = tried.terms.keys() & {"loss", *row}
+        if taken:
+            raise ValueError(f"a loss term has the name of a column of the history, {taken.pop()!r}: rename its class.")
+        return {"loss": tried.loss, **tried.terms, **row}
+
+    def info(self, run: Run, tried: Tried, steps: int, history: History) -> FitStep:
+        """What the callbacks are told."""
+        problem = self._design.problem(tried.found.values)
+        return FitStep(run.step, steps, problem, tried.found.equilibrium, tried.loss, tried.terms, history)
+
+    def after(self, run: Run, tried: Tried, history: History) -> Run:
+        """The fit after the optimiser's update from an accepted design, the last row of the history."""
+        found = tried.found
+        warm = found.equilibrium if self._warm_start != "rest" else None
+        at = (found.free, found.loss, found.gradient)
+        update, state = advance(self._optimiser, self._design, at, run.state, warm)
+        return self._better(run, found.values, tried.loss)._replace(
+            step=run.step + 1,
+            anchor=found.free,
+            update=update,
+            scale=min(1.0, 2 * tried.scale),
+            state=state,
+            last=found.values,
+            equilibrium=warm,
+            seconds=float(history.row(-1)["seconds"]),
+        )
+
+    def finish(self, run: Run, history: History) -> Run:
+        """Gives the design after the last update its chance to be the best one."""
+        tried, objection = self._try(run, run.scale, 0)
+        run = run if objection is not None else self._better(run, tried.found.values, tried.loss)
+        if self._warm_start != "rest":
+            self._gap(strong(self._design.free(run.best)), run.best_loss, history, "for the best design")
+        return run
+
+    def result(self, run: Run, history: History, stopped: str) -> FitResult:
+        """The fit, as its caller sees it."""
+        best, last = self._design.problem(run.best), self._design.problem(run.last)
+        return FitResult(best, run.best_loss, run.best_step, last, history, stopped, run.state)
+
+    def identity(self, values: dict[str, Array], state: Any) -> dict[str, Any]:
+        """What a checkpoint must agree with to be one of this fit, in groups."""
+        choices = {"warm_start": self._warm_start}
+        if self._warm_start != "rest":
+            choices["check_every"] = str(self._check_every)
+        return {
+            "trained": {name: f"{x.dtype}{list(x.shape)}" for name, x in values.items()},
+            "problem": describe(self._design.frozen),
+            "bounds": describe(self._design.intervals),
+            "start": describe(values),
+            "optimiser": describe(state, contents=False),
+            "choices": choices,
+        }
+
+    def stored(self, run: Run, history: History, identity: Mapping[str, Any], stopped: str) -> tuple[dict, Any]:
+        """The header and the arrays of a checkpoint."""
+        header = {
+            "names": self._design.names,
+            "step": run.step,
+            "scale": run.scale,
+            "best_loss": run.best_loss,
+            "best_step": run.best_step,
+            "seconds": run.seconds,
+            "stopped": stopped,
+            "history": history.lists(),
+            "fingerprint": identity,
+        }
+        return header, _arrays(run)
+
+    def resume(self, stored: Stored, identity: Mapping[str, Any], like: Run) -> tuple[Run, History]:
+        """The fit as a checkpoint left it."""
+        belongs(stored, identity)
+        header = stored.header
+        if self._warm_start != "rest":
+            shapes = eqx.filter_eval_shape(evaluate, self._design, like.anchor, None)
+            like = like._replace(equilibrium=shapes.equilibrium)
+        best, last, anchor, update, state, equilibrium = stored.restore(_arrays(like))
+        run = Run(
+            step=header["step"],
+            anchor=anchor,
+            update=update,
+            scale=header["scale"],
+            state=state,
+            last=last,
+            best=best,
+            best_loss=header["best_loss"],
+            best_step=header["best_step"],
+            equilibrium=equilibrium,
+            seconds=header["seconds"],
+        )
+        return run, History(header["history"])
+
+    def _try(self, run: Run, scale: float, refused: int) -> tuple[Tried, str | None]:
+        free = move(run.anchor, run.update, jnp.asarray(np.float64(scale)))
+        start = run.equilibrium
+        if start is not None and self._warm_start == "predicted":
+            start = predict(self._design, run.anchor, free, start)
+        tried, objection = self._evaluate(free, start, scale, refused)
+        if objection is not None and start is not None:
+            tried, objection = self._evaluate(free, None, scale, refused)
+        return tried, objection
+
+    def _evaluate(self, free: dict[str, Array], start: Any, scale: float, refused: int) -> tuple[Tried, str | None]:
+        found = evaluate(self._design, free, start)
+        scalars = (found.loss, found.terms, {"gradient_norm": found.gradient_norm, **found.diagnostics})
+        loss, terms, others = jax.tree.map(lambda x: x.item(), jax.device_get(scalars))
+        tried = Tried(found, loss, terms, others, start, scale, refused)
+        if self._refuses_unconverged and not others.get("converged", True):
+            left = others["relaxation_gradient_norm"]
+            return tried, f"the relaxation did not converge (|∇E| = {left:.3g}; {found.equilibrium.result})"
+        if not np.isfinite(loss):
+            return tried, f"the loss is {loss}"
+        if not np.isfinite(others["gradient_norm"]):
+            names = [name for name, g in found.gradient.items() if not np.isfinite(np.asarray(g)).all()]
+            return tried, f"the gradient is not finite in {', '.join(names)}"
+        return tried, None
+
+    def _better(self, run: Run, values: dict[str, Array], loss: float) -> Run:
+        return run._replace(best=values, best_loss=loss, best_step=run.step) if loss < run.best_loss else run
+
+    def _gap(self, free: dict[str, Array], loss: float, history: History, place: str) -> float:
+        rest, objection = self._evaluate(free, None, 1.0, 0)
+        if objection is not None:
+            return float("nan")
+        if abs(loss - rest.loss) > max(_PARTED * abs(rest.loss), _ZERO * abs(history.row(0)["loss"])):
+            self._warn(
+                "parted",
+                f"fit: {place} the warm-started relaxation has parted from the one from rest: their losses are "
+                f"{loss:.6g} and {rest.loss:.6g}. The shell has several equilibria; use warm_start='rest' for designs "
+                "that are to be reached from rest.",
+                stacklevel=5,
+            )
+        return loss - rest.loss
+
+    def _warn(self, kind: str, message: str, stacklevel: int = 4) -> None:
+        if kind not in self._warned:
+            self._warned.add(kind)
+            warnings.warn(message, stacklevel=stacklevel)
+
+
+def _arrays(run: Run) -> tuple:
+    # The first two are all that `load_checkpoint` reads.
+    return run.best, run.last, run.anchor, run.update, run.state, run.equilibrium

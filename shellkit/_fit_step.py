@@ -1,0 +1,99 @@
+"""The compiled parts of a training step. They are functions of the module with everything as an argument, so that each
+is compiled once for a kind of problem: a second fit with other values compiles nothing."""
+
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optax
+from jaxtyping import Array, Scalar
+
+from ._design import Design
+
+
+class Evaluation(eqx.Module):
+    """A design and what was found there. `diagnostics` are the scalars of the relaxation, none where there was none."""
+
+    free: dict[str, Array]
+    values: dict[str, Array]
+    loss: Scalar
+    terms: dict[str, Scalar]
+    gradient: dict[str, Array]
+    gradient_norm: Scalar
+    equilibrium: Any
+    diagnostics: dict[str, Scalar]
+
+
+@eqx.filter_jit
+def evaluate(design: Design, free: dict[str, Array], start: Any) -> Evaluation:
+    """The loss and its derivative in the optimiser's variables, relaxed from an equilibrium or (`None`) from rest."""
+
+    def objective(free):
+        values = design.values(free)
+        loss, (terms, equilibrium) = design.problem(values).objective(start=start)
+        return loss, (values, terms, equilibrium)
+
+    (loss, (values, terms, equilibrium)), gradient = eqx.filter_value_and_grad(objective, has_aux=True)(free)
+    diagnostics = {}
+    if equilibrium is not None:
+        diagnostics = {
+            "solver_steps": equilibrium.steps,
+            "relaxation_gradient_norm": equilibrium.gradient_norm,
+            "converged": equilibrium.converged,
+            "stable": equilibrium.stable,
+        }
+    norm = optax.tree.norm(gradient)
+    return Evaluation(free, values, loss, terms, gradient, norm, equilibrium, diagnostics)
+
+
+@eqx.filter_jit
+def advance(
+    optimiser: optax.GradientTransformation,
+    design: Design,
+    found: tuple[dict[str, Array], Scalar, dict[str, Array]],
+    state: Any,
+    start: Any,
+) -> tuple[dict[str, Array], Any]:
+    """The optimiser's update and next state at a design, its loss and its gradient. A line search evaluates the loss
+    itself; a relaxation that fails counts as infinitely bad there."""
+    free, loss, gradient = found
+
+    def value_fn(free):
+        value, (_, equilibrium) = design.problem(design.values(free)).objective(start=start)
+        return value if equilibrium is None else jnp.where(equilibrium.converged, value, jnp.inf)
+
+    update, state = optax.with_extra_args_support(optimiser).update(
+        gradient, state, free, value=loss, grad=gradient, value_fn=value_fn
+    )
+    return strong(update), strong(state)
+
+
+@eqx.filter_jit
+def move(anchor: dict[str, Array], update: dict[str, Array], scale: Array) -> dict[str, Array]:
+    """A design some part of an update away from another."""
+    return jax.tree.map(lambda x, u: x + (scale * u).astype(x.dtype), anchor, update)
+
+
+@eqx.filter_jit
+def predict(design: Design, anchor: dict[str, Array], free: dict[str, Array], equilibrium: Any) -> Any:
+    """The equilibrium of a design to first order, from the equilibrium of another: one solve with its Hessian."""
+
+    def shape(free):
+        _, (_, found) = design.problem(design.values(free)).objective(start=equilibrium)
+        return found.vertices, found.directors
+
+    step = jax.tree.map(jnp.subtract, free, anchor)
+    shape_there, motion = jax.jvp(shape, (anchor,), (step,))
+    moved = jax.tree.map(jnp.add, shape_there, motion)
+    return eqx.tree_at(lambda e: (e.vertices, e.directors), equilibrium, moved, is_leaf=lambda node: node is None)
+
+
+def strong(tree: Any) -> Any:
+    """The same arrays with dtypes of their own: one that only follows its neighbours' would compile a second time after
+    a step, or after a restart."""
+    return jax.tree.map(lambda x: jax.lax.convert_element_type(x, x.dtype) if _is_weak(x) else x, tree)
+
+
+def _is_weak(leaf: Any) -> bool:
+    return getattr(leaf, "weak_type", False)

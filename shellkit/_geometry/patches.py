@@ -1,0 +1,172 @@
+"""The patch of a face and its three neighbours: edge lengths, hinge angles, and their first and second derivatives.
+
+All arrays are index-last: (corner or edge, component, face). Edge i lies opposite corner i and runs from corner i + 1 to
+corner i + 2. The derivatives are written by hand, from the motion of a unit normal and of a height:
+
+- with n the unit normal, h_i the height of corner i over edge i, and t_i the foot of that height along the edge, a hinge
+  angle has the gradient -n / h_i at corner i, and the opposite, shared out as 1 - t_i and t_i, at the ends of the edge;
+  each of its two faces adds such a part;
+- its second derivative is the sum of one part a face, which involves that face's own corners only.
+
+Tamstorf and Grinspun, "Discrete bending forces and their Jacobians", Graphical Models 75 (2013), give an equivalent form.
+"""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from .._mesh.mesh import Mesh
+from .vectors import cross, dot, gather
+
+
+# SIGN[i, p] = d(edge i)/d(corner p): edge i runs from corner i + 1 to corner i + 2.
+SIGN = np.array([[0.0, -1.0, 1.0], [1.0, 0.0, -1.0], [-1.0, 1.0, 0.0]])
+CORNER_PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+
+
+class Triangles(eqx.Module):
+    """Edges, squared lengths and normals of all faces."""
+
+    corners: Float[Array, "3 3 F"]
+    edges: Float[Array, "3 3 F"]
+    squared_lengths: Float[Array, "3 F"]
+    area_normal: Float[Array, "3 F"]  # unit normal times twice the area
+    twice_area: Float[Array, " F"]
+
+    def __init__(self, vertices: Float[Array, "V 3"], mesh: Mesh):
+        self.corners = gather(vertices, mesh.faces)
+        self.edges = jnp.stack([self.corners[(i + 2) % 3] - self.corners[(i + 1) % 3] for i in range(3)])
+        self.squared_lengths = dot(self.edges, self.edges)
+        self.area_normal = cross(self.edges[2], -self.edges[1])
+        self.twice_area = jnp.sqrt(dot(self.area_normal, self.area_normal))
+
+    @property
+    def tails(self) -> Float[Array, "3 3 F"]:
+        """Where each edge starts."""
+        return jnp.stack([self.corners[1], self.corners[2], self.corners[0]])
+
+    def feet(self) -> Float[Array, "3 F"]:
+        """Where the height of corner i meets edge i, from 0 at its tail to 1 at its head."""
+        return dot(self.corners - self.tails, self.edges) / self.squared_lengths
+
+
+class Hinges(eqx.Module):
+    """The three hinges of every face. On the boundary the angle and its derivatives are zero."""
+
+    interior: Float[Array, "3 F"]  # 1 where edge i has a face on its other side, else 0
+    arms: Float[Array, "3 3 F"]  # far vertex seen from the tail of the edge
+    far_area_normal: Float[Array, "3 3 F"]
+    angles: Float[Array, "3 F"]  # positive where the surface is convex
+
+    def __init__(self, vertices: Float[Array, "V 3"], mesh: Mesh, triangles: Triangles):
+        hinged = mesh.face_opposite.T >= 0
+        far = gather(vertices, jnp.maximum(mesh.face_opposite, 0))
+        self.interior = jnp.where(hinged, 1.0, 0.0).astype(vertices.dtype)
+        self.arms = far - triangles.tails
+        self.far_area_normal = cross(self.arms, triangles.edges)
+        sine = -jnp.sqrt(triangles.squared_lengths) * dot(self.arms, triangles.area_normal[None])
+        cosine = dot(self.far_area_normal, triangles.area_normal[None])
+        # The far vertex of a boundary edge is a placeholder; both arguments are replaced before they are divided.
+        self.angles = jnp.arctan2(jnp.where(hinged, sine, 0.0), jnp.where(hinged, cosine, 1.0))
+
+
+class HingeGradients(eqx.Module):
+    """What the gradients of the hinge angles are made of."""
+
+    near: Float[Array, "3 3 F"]  # unit normal of the face over the height of corner i
+    far: Float[Array, "3 3 F"]  # unit normal of the neighbour over the height of its far vertex
+    near_feet: Float[Array, "3 F"]
+    far_feet: Float[Array, "3 F"]
+
+    def __init__(self, triangles: Triangles, hinges: Hinges):
+        lengths = jnp.sqrt(triangles.squared_lengths)
+        scale = hinges.interior * lengths
+        far_squared = dot(hinges.far_area_normal, hinges.far_area_normal)
+        far_squared = jnp.where(hinges.interior > 0, far_squared, 1.0)
+        self.near = triangles.area_normal[None] * (scale / triangles.twice_area**2)[:, None]
+        self.far = hinges.far_area_normal * (scale / far_squared)[:, None]
+        self.near_feet = triangles.feet()
+        self.far_feet = dot(hinges.arms, triangles.edges) / triangles.squared_lengths
+
+    def pull_back(self, stress: Float[Array, "3 F"]) -> tuple[Float[Array, "3 3 F"], ...]:
+        """Sum of `stress[i]` times the gradient of hinge angle i: at the tail and head of each edge, before and beyond it."""
+        near, far = stress[:, None] * self.near, stress[:, None] * self.far
+        head = self.near_feet[:, None] * near + self.far_feet[:, None] * far
+        # The weights of a gradient sum to zero, so the tail takes what the others leave.
+        return near + far - head, head, -near, -far
+
+    def rows(self) -> tuple[list[list[Float[Array, "3 F"]]], list[Float[Array, "3 F"]]]:
+        """The gradient of hinge angle i at corner p, [i][p], and at its own far vertex, [i]."""
+        near_weights, far_weights = _weights(self.near_feet), _weights(self.far_feet)
+        corners = [
+            [
+                -near_weights[i][p] * self.near[i] - (0.0 if p == i else far_weights[i][p] * self.far[i])
+                for p in range(3)
+            ]
+            for i in range(3)
+        ]
+        return corners, [-self.far[i] for i in range(3)]
+
+
+def _weights(feet: Float[Array, "3 F"]) -> list[list[Float[Array, " F"]]]:
+    """Weights [i][p] of the corners in the motion of corner i against the foot of its height."""
+    table = [[jnp.ones_like(feet[0])] * 3 for _ in range(3)]
+    for i in range(3):
+        table[i][(i + 1) % 3] = feet[i] - 1.0
+        table[i][(i + 2) % 3] = -feet[i]
+    return table
+
+
+def at_corners(tails: Float[Array, "3 3 F"], heads: Float[Array, "3 3 F"]) -> list[Float[Array, "3 F"]]:
+    """What tail and head of each edge carry, added up at the corners."""
+    return [tails[(p + 2) % 3] + heads[(p + 1) % 3] for p in range(3)]
+
+
+def length_curvature(stress: Float[Array, "3 F"]) -> Float[Array, "6 3 3 F"]:
+    """Sum of `stress[i]` times the second derivative of squared length i, as blocks over `CORNER_PAIRS`."""
+    factors = [
+        sum(2.0 * SIGN[i, p] * SIGN[i, q] * stress[i] for i in range(3) if SIGN[i, p] * SIGN[i, q] != 0)
+        for p, q in CORNER_PAIRS
+    ]
+    return jnp.stack(factors)[:, None, None] * jnp.eye(3)[:, :, None]
+
+
+def hinge_curvature(triangles: Triangles, stress: Float[Array, "3 F"]) -> Float[Array, "6 3 3 F"]:
+    """Sum of `stress[i]` times this face's part of the second derivative of hinge angle i, as blocks over `CORNER_PAIRS`.
+
+    With r the motion of corner i against its foot, e that of the edge vector, m = n x e the unit vector from the edge to
+    the corner and l the edge length, the part is
+    (m.r n.r' + n.r m.r') / h^2 + (e.r n.e' + n.e e.r') / (h l) + (m.e n.e' + n.e m.e') / (2 l^2),
+    in which the two faces' last terms are symmetrised: their skew parts cancel. All of it is of the form v n^T + n v^T.
+    """
+    inverse_length = 1.0 / jnp.sqrt(triangles.squared_lengths)
+    inverse_height = jnp.sqrt(triangles.squared_lengths) / triangles.twice_area
+    normal = triangles.area_normal / triangles.twice_area
+    along = triangles.edges * inverse_length[:, None]
+    inward = cross(jnp.broadcast_to(normal, along.shape), along)
+    weight = _weights(triangles.feet())
+    by_height = (inverse_height**2 * stress)[:, None] * inward
+    by_length = (0.5 * inverse_length**2 * stress)[:, None] * inward
+    mixed = (inverse_height * inverse_length * stress)[:, None] * along
+
+    against_normal = jnp.stack(
+        [
+            sum(
+                SIGN[i, q] * (SIGN[i, p] * by_length[i] + weight[i][p] * mixed[i])
+                + weight[i][p] * weight[i][q] * by_height[i]
+                for i in range(3)
+            )
+            for p in range(3)
+            for q in range(3)
+        ]
+    )
+    # Kept in memory, or XLA computes it again for every block.
+    against_normal, normal = jax.lax.optimization_barrier((against_normal, normal))
+    return jnp.stack(
+        [
+            against_normal[3 * p + q][:, None] * normal + normal[:, None] * against_normal[3 * q + p]
+            for p, q in CORNER_PAIRS
+        ]
+    )

@@ -1,0 +1,7 @@
+"""The triangle mesh: construction and checks, connectivity, generators, files and quality."""
+
+from .formats.content import MeshDataWarning as MeshDataWarning
+from .formats.content import MeshFileError as MeshFileError
+from .formats.content import MeshFileNotFoundError as MeshFileNotFoundError
+from .mesh import Mesh as Mesh
+from .quality import MeshQuality as MeshQuality

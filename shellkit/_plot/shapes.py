@@ -1,0 +1,161 @@
+"""What there is to draw: each panel of a picture shows one shape, and this is where meshes, equilibria, problems and fits
+become shapes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import ArrayLike
+
+from .._actuation import Actuation
+from .._align import Aligner, Kabsch, NoAlignment
+from .._equilibrium import Equilibrium
+from .._history import FitResult
+from .._loss import Loss, SumOfLosses, VertexDistance, WeightedLoss
+from .._mesh.mesh import Mesh
+from .._problem import InverseProblem
+
+
+Drawable = Mesh | Equilibrium | InverseProblem | FitResult
+Directors = bool | Actuation | ArrayLike | Sequence | None
+Target = Mesh | Equilibrium | InverseProblem | ArrayLike | None
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A mesh with its vertices at `points`, in the place where it is drawn, and the director angles of its layers."""
+
+    mesh: Mesh
+    points: np.ndarray
+    title: str = ""
+    layers: tuple[np.ndarray, ...] = ()
+    equilibrium: Equilibrium | None = None
+    target: "Shape | None" = None
+
+    def error(self) -> np.ndarray | None:
+        """How far each vertex is from its partner in the target, or from a target of another mesh."""
+        if self.target is None:
+            return None
+        if self.target.points.shape == self.points.shape:
+            return np.linalg.norm(self.points - self.target.points, axis=1)
+        import pyvista as pv
+
+        measured = surface(self).compute_implicit_distance(surface(self.target))
+        return np.abs(np.asarray(pv.PolyData(measured)["implicit_distance"]))
+
+
+def surface(shape: Shape):
+    """The shape as pyvista knows it."""
+    import pyvista as pv
+
+    return pv.PolyData.from_regular_faces(shape.points, np.asarray(shape.mesh.faces))
+
+
+def shapes_of(thing: Drawable, directors: Directors, target: Target, aligner: Aligner | None) -> list[Shape]:
+    """The shapes that show a thing; more than one for a fit."""
+    if isinstance(thing, Mesh):
+        shape = Shape(thing, np.asarray(thing.vertices), layers=_layers(thing, None, directors))
+        return [_with_target(shape, _target_of(target, thing), aligner)]
+    if isinstance(thing, Equilibrium):
+        return [_relaxed(thing, _layers(thing.mesh, None, directors), _target_of(target, thing.mesh), aligner)]
+    if isinstance(thing, InverseProblem):
+        shape = _at_rest(thing, directors)
+        return [_with_target(shape, _target_of(target, thing.mesh), aligner)]
+    if isinstance(thing, FitResult):
+        return _fit_shapes(thing, directors, target, aligner)
+    raise ValueError(
+        f"plot: cannot draw a {type(thing).__name__}; give a Mesh, an Equilibrium, an InverseProblem, a FitResult, or a "
+        "list of them."
+    )
+
+
+def _fit_shapes(result: FitResult, directors: Directors, target: Target, aligner: Aligner | None) -> list[Shape]:
+    problem = result.problem
+    if not isinstance(problem, InverseProblem):
+        raise ValueError(
+            f"plot: the fit trained a {type(problem).__name__}, which is no InverseProblem; plot its parts one by one."
+        )
+    wanted = None if problem.loss is None else _wanted(problem.loss)
+    if wanted is not None:
+        target = wanted.target if target is None else target
+        aligner = wanted.aligner if aligner is None else aligner
+    goal = _target_of(target, problem.mesh)
+    start = _at_rest(problem, directors)
+    result_shape = _relaxed(problem(), start.layers, goal, aligner)
+    shapes = [_titled(start, "at rest"), _titled(result_shape, "relaxed")]
+    return shapes if goal is None else [*shapes, _titled(goal, "target")]
+
+
+def _at_rest(problem: InverseProblem, directors: Directors) -> Shape:
+    mesh = problem.mesh
+    return Shape(mesh, np.asarray(mesh.vertices), layers=_layers(mesh, problem.actuation, directors))
+
+
+def _relaxed(
+    equilibrium: Equilibrium, layers: tuple[np.ndarray, ...], goal: Shape | None, aligner: Aligner | None
+) -> Shape:
+    shape = Shape(equilibrium.mesh, np.asarray(equilibrium.vertices), layers=layers, equilibrium=equilibrium)
+    same = goal is not None and goal.points.shape == shape.points.shape
+    # A relaxed shell may lie anywhere in space.
+    return _with_target(shape, goal, Kabsch() if aligner is None and same else aligner)
+
+
+def _with_target(shape: Shape, goal: Shape | None, aligner: Aligner | None) -> Shape:
+    if goal is None:
+        return shape
+    aligner = NoAlignment() if aligner is None else aligner
+    points = np.asarray(aligner(jnp.asarray(shape.points), jnp.asarray(goal.points)))
+    return Shape(shape.mesh, points, shape.title, shape.layers, shape.equilibrium, goal)
+
+
+def _titled(shape: Shape, title: str) -> Shape:
+    return Shape(shape.mesh, shape.points, title, shape.layers, shape.equilibrium, shape.target)
+
+
+def _target_of(target: Target, mesh: Mesh) -> Shape | None:
+    if target is None:
+        return None
+    if isinstance(target, Mesh):
+        return Shape(target, np.asarray(target.vertices))
+    if isinstance(target, Equilibrium):
+        return Shape(target.mesh, np.asarray(target.vertices), equilibrium=target)
+    if isinstance(target, InverseProblem):
+        return _relaxed(target(), _layers(target.mesh, target.actuation, True), None, None)
+    points = np.asarray(target, dtype=float)
+    if points.shape != mesh.vertices.shape:
+        raise ValueError(
+            f"plot: target has shape {points.shape}, but the mesh has {mesh.n_vertices} vertices: give positions of shape "
+            f"{mesh.vertices.shape}, or a Mesh of its own."
+        )
+    return Shape(mesh, points)
+
+
+def _wanted(loss: Loss) -> VertexDistance | None:
+    """The first term of a loss that names a shape to become."""
+    if isinstance(loss, VertexDistance):
+        return loss
+    if isinstance(loss, WeightedLoss):
+        return _wanted(loss.term)
+    terms = loss.terms if isinstance(loss, SumOfLosses) else ()
+    return next((found for found in map(_wanted, terms) if found is not None), None)
+
+
+def _layers(mesh: Mesh, actuation: Actuation | None, directors: Directors) -> tuple[np.ndarray, ...]:
+    """The angles of each layer: those asked for, or with `True` those that the actuation has."""
+    if directors is None or directors is False:
+        return ()
+    if directors is True:
+        fields = () if actuation is None else actuation.director_fields()
+    elif isinstance(directors, Actuation):
+        fields = directors.director_fields()
+    else:
+        fields = [directors] if np.ndim(directors[0]) == 0 else list(directors)
+    layers = tuple(np.asarray(field, dtype=float) for field in fields)
+    for layer in layers:
+        if layer.shape != (mesh.n_faces,):
+            raise ValueError(
+                f"plot: directors has a layer of shape {layer.shape}; give one angle a face, shape ({mesh.n_faces},), or a "
+                "list of such layers."
+            )
+    return layers

@@ -1,0 +1,311 @@
+"""The inverse problem: a surface, what actuates it, what deformation costs, and what shape is wanted."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optimistix as optx
+from jaxtyping import Array, Float, Scalar
+
+from ._actuation import Actuation, Passive
+from ._align import Kabsch
+from ._energy import AbstractEnergy, Assembly, DiscreteEnergy, FormEnergy
+from ._equilibrium import RESULTS, Equilibrium
+from ._geometry.patches import Hinges, Triangles
+from ._loss import Loss
+from ._mesh.mesh import Mesh
+from ._precision import require_x64
+from ._rest import RestShape
+from ._solve.adjoint import differentiable_minimum
+from ._solve.choose import default_direct_solver
+from ._solve.motions import coordinates_to_hold, hold, orthonormal
+from ._solve.newton import NewtonState, SparseNewton
+from ._solve.operator import SparseSymmetric
+from ._symmetries import FreeMotions, free_motions
+
+
+_STEPS_OF_FIRST_ORDER_METHODS = 10_000
+_FOLDED = 179.0  # degrees
+_TURN, _SHRINK = 0.34, 0.2  # no face may turn further than cos = 0.34 (70 degrees) or shrink below a fifth in one step
+
+
+class InverseProblem(eqx.Module):
+    """A shell, its actuation, its energy and the loss of its equilibrium.
+
+    Calling it relaxes the shell and returns the [`shellkit.Equilibrium`][]; `evaluate` goes on to the loss. Both are functions of
+    every array in the problem, and can be differentiated in any of them, forwards and backwards, by one solve with
+    the factor that the relaxation leaves.
+
+    ??? example
+
+        ```python
+        problem = sk.InverseProblem(
+            mesh=mesh,
+            thickness=0.1,
+            actuation=sk.Nematic(angle=jnp.zeros(mesh.n_faces), stretch=1.1),
+            energy=sk.StVenantKirchhoff(alpha=1.0, beta=1.0) + sk.Bending(alpha=1.0, beta=1.0),
+            loss=sk.VertexDistance(target, aligner=sk.Kabsch()),
+        )
+        equilibrium = problem()
+        value, terms = problem.evaluate()
+        gradients = eqx.filter_grad(lambda p: p.evaluate()[0])(problem)
+        ```
+    """
+
+    mesh: Mesh
+    thickness: Float[Array, "..."]
+    actuation: Actuation
+    energy: AbstractEnergy
+    loss: Loss | None
+    solver: optx.AbstractMinimiser
+    max_steps: int | None = eqx.field(static=True)
+    assembly: Assembly
+    motions: FreeMotions | None
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        thickness: float | Array,
+        energy: AbstractEnergy,
+        actuation: Actuation | None = None,
+        loss: Loss | None = None,
+        solver: optx.AbstractMinimiser | None = None,
+        max_steps: int | None = None,
+    ):
+        """**Arguments:**
+
+        - `mesh`: the surface at rest.
+        - `thickness`: of the shell, one number or one a face, in the unit of the mesh.
+        - `energy`: what deformation costs; a sum of terms.
+        - `actuation`: what the shell would like to become; by default it stays as it is.
+        - `loss`: what is wanted of the equilibrium; only `evaluate` needs it.
+        - `solver`: any minimiser of optimistix; by default [`shellkit.SparseNewton`][].
+        - `max_steps`: of the minimiser; by default its own limit, or 10,000 for one that has none.
+
+        **Raises:**
+
+        `ValueError` if a part does not fit the mesh or the other parts; the message names the part and what to change.
+        """
+        require_x64("InverseProblem")
+        self.mesh = mesh
+        self.thickness = _checked_thickness(thickness, mesh)
+        self.actuation = Passive() if actuation is None else actuation
+        self.energy = energy
+        self.loss = loss
+        self.solver = SparseNewton() if solver is None else solver
+        self.max_steps = max_steps
+        self.actuation.check(mesh)
+        terms = [term for _, term in energy.weighted_terms()]
+        for term in terms:
+            term.check(mesh)
+        _check_one_curvature(terms)
+        if loss is not None:
+            loss.check(mesh, self.actuation)
+        self.assembly = Assembly.of(energy, mesh)
+        self.motions = free_motions(energy, mesh, self.rest_shape(), self.assembly)
+
+    def rest_shape(self) -> RestShape:
+        """The rest shape under actuation."""
+        forms = [t.form for _, t in self.energy.weighted_terms() if isinstance(t, FormEnergy) and t.form is not None]
+        rest = RestShape.of(self.mesh, self.thickness, forms[0] if forms else None)
+        return self.actuation(rest)
+
+    def discrete_energy(self) -> DiscreteEnergy:
+        """The energy as a function of the vector of free unknowns, with its gradient and sparse Hessian."""
+        held = self.assembly.join(self.mesh.vertices, None)
+        return DiscreteEnergy(self.energy, self.mesh, self.rest_shape(), self.assembly, held)
+
+    def total_energy(self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None = None) -> Scalar:
+        """The energy of any shape, without relaxing it.
+
+        **Arguments:**
+
+        - `vertices`: positions, in the unit of the mesh.
+        - `directors`: angles by which edge normals are turned, where directors are free; by default zero.
+        """
+        return self.discrete_energy()(self.assembly.restrict(self.assembly.join(vertices, directors)))
+
+    def hessian(self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None = None) -> SparseSymmetric:
+        """The Hessian of the energy at any shape, a sparse lineax operator that acts on fields like `vertices`.
+
+        Where directors are free it acts on pairs `(vertices, directors)`.
+        """
+        energy = self.discrete_energy()
+        y = self.assembly.restrict(self.assembly.join(vertices, directors))
+        flat = energy.hessian(y)
+        return SparseSymmetric(flat.pattern, flat.values, like=self.assembly.like(vertices.dtype))
+
+    def __call__(self, start: Equilibrium | None = None) -> Equilibrium:
+        """Relax the shell.
+
+        **Arguments:**
+
+        - `start`: an equilibrium to start from; by default the surface at rest, which is what an experiment does.
+
+        **Returns:**
+
+        The [`shellkit.Equilibrium`][]. A relaxation that fails returns what it has, with the reason in `result`.
+        """
+        energy = self.discrete_energy()
+        still = _stop(energy)
+        if start is None:
+            unknowns = self.assembly.join(self.mesh.vertices, None)
+        else:
+            unknowns = self.assembly.join(start.vertices, start.directors)
+        y0 = jax.lax.stop_gradient(self.assembly.restrict(unknowns))
+        motions = None if self.motions is None else _stop(self.motions)
+        solution = optx.minimise(
+            lambda y, _: still(y),
+            self.solver,
+            y0,
+            options={
+                "gradient": still.gradient,
+                "hessian": still.hessian,
+                "feasible": _Feasible(still),
+                "motions": motions,
+                "length": jax.lax.stop_gradient(_mean_edge_length(self.mesh)),
+            },
+            max_steps=self._step_limit(),
+            throw=False,
+        )
+        newton = isinstance(solution.state, NewtonState)
+        linear_solver = self.solver.linear_solver if isinstance(self.solver, SparseNewton) else default_direct_solver()
+        factored = (solution.state.factor, solution.state.held) if newton else None
+        y = differentiable_minimum(energy, solution.value, motions, linear_solver, factored)
+        vertices, directors = energy.state(y)
+        if motions is not None and motions.all_rigid:
+            # The pose is that nearest to the start: no net translation or rotation of the displacement.
+            vertices = Kabsch()(vertices, self.mesh.vertices)
+        return self._report(still, solution, vertices, directors, motions, linear_solver)
+
+    def _report(self, energy, solution, vertices, directors, motions, linear_solver) -> Equilibrium:
+        y = solution.value
+        gradient = energy.gradient(y)
+        converged = solution.result == optx.RESULTS.successful
+        result = RESULTS.promote(solution.result)
+        result = RESULTS.where(solution.result == optx.RESULTS.nonlinear_divergence, RESULTS.stuck, result)
+        if isinstance(solution.state, NewtonState):
+            stable = converged
+            factorisations = solution.stats["factorisations"]
+        else:
+            factor = linear_solver.factorise(_held_still(energy.hessian(y), motions, y))
+            stable = factor.ok & (factor.negative <= 0)
+            factorisations = jnp.ones((), jnp.int32)
+        worst_hinge = None
+        if energy.faces is not None and energy.faces.form is not None:
+            positions = jax.lax.stop_gradient(vertices)
+            angles = jnp.abs(Hinges(positions, self.mesh, Triangles(positions, self.mesh)).angles)
+            flat = jnp.argmax(angles)
+            worst_hinge = self.mesh.face_edges.T.reshape(-1)[flat]
+            folded = ~converged & (jnp.max(angles) > jnp.deg2rad(_FOLDED))
+            result = RESULTS.where(folded, RESULTS.hinge_folded, result)
+        return Equilibrium(
+            mesh=self.mesh,
+            rest=self.rest_shape(),
+            vertices=vertices,
+            directors=directors,
+            energy=energy(y),
+            gradient_norm=jnp.linalg.norm(gradient),
+            steps=solution.stats["num_steps"],
+            factorisations=factorisations,
+            converged=converged,
+            stable=stable,
+            result=result,
+            worst_hinge=worst_hinge,
+        )
+
+    def objective(self, start: Equilibrium | None = None) -> tuple[Scalar, tuple[dict[str, Scalar], Equilibrium]]:
+        """The loss, with its terms by name and the equilibrium that they were measured at: what [`shellkit.fit`][] trains on.
+
+        **Arguments:**
+
+        - `start`: an equilibrium to start the relaxation from; by default the surface at rest.
+        """
+        if self.loss is None:
+            raise ValueError("This InverseProblem has no loss: give it one, such as loss=sk.VertexDistance(target).")
+        equilibrium = self(start) if self.loss.needs_shape else self._unrelaxed()
+        value, terms = self.loss.evaluate(equilibrium, self.actuation)
+        return value, (terms, equilibrium)
+
+    def evaluate(self) -> tuple[Scalar, dict[str, Scalar]]:
+        """The loss of the relaxed shell, and the unweighted value of each of its terms by name."""
+        value, (terms, _) = self.objective()
+        return value, terms
+
+    def _unrelaxed(self) -> Equilibrium:
+        """The surface at rest, for losses that do not look at the shape."""
+        zero, yes = jnp.zeros(()), jnp.array(True)
+        none = jnp.zeros((), jnp.int32)
+        return Equilibrium(
+            mesh=self.mesh,
+            rest=self.rest_shape(),
+            vertices=self.mesh.vertices,
+            directors=None,
+            energy=zero,
+            gradient_norm=zero,
+            steps=none,
+            factorisations=none,
+            converged=yes,
+            stable=yes,
+            result=RESULTS.successful,
+            worst_hinge=None,
+        )
+
+    def _step_limit(self) -> int:
+        if self.max_steps is not None:
+            return self.max_steps
+        return self.solver.max_steps if isinstance(self.solver, SparseNewton) else _STEPS_OF_FIRST_ORDER_METHODS
+
+
+class _Feasible(eqx.Module):
+    """Whether a step turns no face too far and crushes none: a line search that jumps over such states can fold the shell."""
+
+    energy: DiscreteEnergy
+
+    def __call__(self, y: Float[Array, " n"], y_new: Float[Array, " n"]) -> Array:
+        if self.energy.faces is None:
+            return jnp.array(True)
+        mesh = self.energy.faces.mesh
+        old, new = (Triangles(self.energy.state(at)[0], mesh) for at in (y, y_new))
+        turn = jnp.sum(old.area_normal * new.area_normal, axis=0)
+        return jnp.all((turn > _TURN * old.twice_area * new.twice_area) & (new.twice_area > _SHRINK * old.twice_area))
+
+
+def _stop(tree):
+    return jax.tree.map(lambda leaf: jax.lax.stop_gradient(leaf) if eqx.is_inexact_array(leaf) else leaf, tree)
+
+
+def _mean_edge_length(mesh: Mesh) -> Scalar:
+    tail, head = mesh.vertices[mesh.edges[:, 0]], mesh.vertices[mesh.edges[:, 1]]
+    return jnp.mean(jnp.linalg.norm(head - tail, axis=1))
+
+
+def _held_still(hessian: SparseSymmetric, motions: FreeMotions | None, y: Array) -> SparseSymmetric:
+    """The Hessian with as many coordinates held as motions are free."""
+    if motions is None:
+        return hessian
+    return hold(hessian, coordinates_to_hold(orthonormal(motions(y))))
+
+
+def _checked_thickness(thickness: float | Array, mesh: Mesh) -> Array:
+    thickness = jnp.asarray(thickness, dtype=float)
+    if thickness.shape not in ((), (mesh.n_faces,)):
+        raise ValueError(
+            f"InverseProblem: thickness has shape {thickness.shape}; give one number or one a face, shape ({mesh.n_faces},)."
+        )
+    if not isinstance(thickness, jax.core.Tracer):
+        numbers = np.atleast_1d(np.asarray(thickness))
+        bad = np.flatnonzero(~(np.isfinite(numbers) & (numbers > 0)))
+        if len(bad):
+            where = f" of face {bad[0]}" if numbers.size > 1 else ""
+            raise ValueError(f"InverseProblem: the thickness{where} is {numbers[bad[0]]}; it must be positive and finite.")
+    return thickness
+
+
+def _check_one_curvature(terms) -> None:
+    """All bending terms of a sum measure one curvature: they share the rest shape and the edge normals."""
+    bending = [term for term in terms if isinstance(term, FormEnergy) and term.form is not None]
+    kinds = {(term.form, term.directors) for term in bending}
+    if len(kinds) > 1:
+        listed = "; ".join(f"form={form!r}, directors={directors!r}" for form, directors in sorted(kinds))
+        raise ValueError(f"The bending terms of the energy measure curvature in different ways ({listed}); give all the same.")

@@ -1,0 +1,108 @@
+"""The derivative of a minimum in the parameters of its energy, by the implicit function theorem."""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
+
+from .direct import AbstractSparseSolver, Factor
+from .motions import coordinates_to_hold, hold, orthonormal, project_out
+from .newton import solve_held
+
+
+_RESIDUAL = 1e-13  # at which the solution of the adjoint system is taken as exact
+_WORST_RESIDUAL = 1e-9  # above which it is not a solution
+_MAX_STEPS = 20
+
+
+def differentiable_minimum(
+    energy: Any,
+    y: Float[Array, " n"],
+    motions: Callable[[Array], Array] | None,
+    linear_solver: AbstractSparseSolver,
+    factored: tuple[Factor, Int[Array, " k"] | None] | None,
+) -> Float[Array, " n"]:
+    r"""The minimum `y` of `energy`, with the derivative that it has as a function of the arrays in `energy`.
+
+    $$\mathrm d y = -H(y)^{+}\, \partial_\theta \nabla E(y; \theta)\, \mathrm d\theta,$$
+
+    one solve, with the pseudo-inverse where some motions cost nothing. It can be differentiated forwards, backwards, and again.
+
+    **Arguments:**
+
+    - `energy`: a module with `gradient(y)` and a sparse `hessian(y)`.
+    - `y`: where its gradient vanishes. Only as exact as that is the derivative.
+    - `motions`: `y -> ` motions that cost nothing, shape (n, k), or `None`.
+    - `linear_solver`: of sparse symmetric systems.
+    - `factored`: a factor of a Hessian near `y`, such as Newton's last, and the coordinates held in it; it then
+        preconditions the solve. `None` to factorise at `y`.
+
+    **Returns:**
+
+    `y`. Its derivatives are NaN where the linear system could not be solved, as for a singular Hessian: never a wrong number.
+    """
+    dynamic, static = eqx.partition(energy, eqx.is_inexact_array)
+    frozen = jax.lax.stop_gradient((y, factored))
+
+    @jax.custom_jvp
+    def minimum(dynamic):
+        return frozen[0]
+
+    @minimum.defjvp
+    def _(primals, tangents):
+        (dynamic,), (tangent,) = primals, tangents
+        y = minimum(dynamic)
+        force = jax.jvp(lambda d: eqx.combine(d, static).gradient(y), (dynamic,), (tangent,))[1]
+        return y, -_solve(eqx.combine(dynamic, static), y, force, motions, linear_solver, frozen[1])
+
+    return minimum(dynamic)
+
+
+def _solve(energy, y, force, motions, linear_solver, factored) -> Float[Array, " n"]:
+    """H(y)^+ force, linear in the force; the Hessian enters through its products, so the result can be differentiated again."""
+    product = lambda direction: jax.jvp(energy.gradient, (y,), (direction,))[1]
+    there = jax.lax.stop_gradient(y)
+    hessian = _stop(energy).hessian(there)
+    basis = None if motions is None else orthonormal(motions(there))
+    if factored is None:
+        held = None if basis is None else coordinates_to_hold(basis)
+        factored = linear_solver.factorise(hessian if held is None else hold(hessian, held)), held
+    factor, held = factored
+
+    def solve(_, rhs):
+        rhs = project_out(basis, rhs)
+        return _conjugate_gradients(hessian.mv, lambda r: solve_held(linear_solver, factor, basis, held, r), rhs)
+
+    return jax.lax.custom_linear_solve(product, force, solve, symmetric=True)
+
+
+def _stop(tree):
+    return jax.tree.map(lambda leaf: jax.lax.stop_gradient(leaf) if eqx.is_inexact_array(leaf) else leaf, tree)
+
+
+def _conjugate_gradients(product, precondition, rhs: Float[Array, " n"]) -> Float[Array, " n"]:
+    """Solve with a preconditioner that is nearly the inverse: a step or two, or NaN if it does not get there."""
+    scale = jnp.linalg.norm(rhs)
+
+    def step(carry):
+        x, residual, z, direction, norm, _, count = carry
+        image = product(direction)
+        rho = residual @ z
+        length = rho / (direction @ image)
+        x, residual = x + length * direction, residual - length * image
+        new = precondition(residual)
+        # Polak and Ribière's form, for a preconditioner that is not exactly symmetric.
+        beta = length * (-new @ image) / rho
+        return x, residual, new, new + beta * direction, jnp.linalg.norm(residual), norm, count + 1
+
+    def unsolved(carry):
+        *_, norm, last, count = carry
+        return (norm > _RESIDUAL * scale) & (norm < 0.5 * last) & (count < _MAX_STEPS)
+
+    z = precondition(rhs)
+    start = (jnp.zeros_like(rhs), rhs, z, z, scale, jnp.inf, 0)
+    x, *_, norm, _, _ = jax.lax.while_loop(unsolved, step, start)
+    return jnp.where(norm <= _WORST_RESIDUAL * scale, x, jnp.nan)

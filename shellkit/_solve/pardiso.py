@@ -1,0 +1,128 @@
+"""MKL PARDISO through pardiso-mkl-jax: LDLᵀ of an indefinite matrix, with its inertia. x86-64 only.
+
+The library keeps factors in a cache under 64-bit keys that travel through JAX as data. It would derive the keys from
+the content of a matrix, one byte at a time, which costs as much as a small factorisation; here the key names the
+pattern, so that one analysis serves every matrix of that pattern, in every compiled function, and its numeric factor is
+overwritten in place. A solve therefore checks its residual: if another matrix has been factorised since, its own is
+done again."""
+
+import functools
+import hashlib
+from collections.abc import Mapping
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .direct import AbstractDirectSolver, Factor, check_rhs, guarded, require_float64
+from .operator import SparseSymmetric, symmetric_product
+from .pattern import SymmetricPattern
+
+
+_SYMMETRIC_INDEFINITE = -2
+_POSITIVE, _NEGATIVE, _PERTURBED = 21, 22, 13  # entries of PARDISO's iparm, counted from zero
+_DEFAULTS = {
+    1: 2,  # nested dissection by METIS
+    7: 0,  # no iterative refinement
+    9: 13,  # pivots below 1e-13 of the matrix are replaced, and counted
+}
+# A factor of the right matrix leaves a residual of a few roundings; one of another matrix does not.
+_BACKWARD_ERROR = 1e-13
+
+
+class Pardiso(AbstractDirectSolver):
+    """Sparse LDLᵀ with Bunch–Kaufman pivoting by MKL PARDISO. The solver of choice on x86-64; reports the inertia.
+
+    ??? cite "Reference"
+        O. Schenk, K. Gärtner, *Solving unsymmetric sparse systems of linear equations with PARDISO*, Future Generation
+        Computer Systems 20 (2004) 475–487.
+    """
+
+    options: tuple[tuple[int, int], ...] = eqx.field(static=True)
+
+    def __init__(self, options: Mapping[int, int] | None = None):
+        """**Arguments:**
+
+        - `options`: entries of PARDISO's `iparm` (counted from zero) that replace the defaults chosen here.
+        """
+        self.options = tuple(sorted({**_DEFAULTS, **(options or {})}.items()))
+
+    def factorise(self, operator: SparseSymmetric) -> Factor:
+        require_float64("PARDISO", operator.values)
+        pattern = operator.pattern
+        values, finite = guarded(pattern, jax.lax.stop_gradient(operator.values))
+        key = _key(pattern, self.options)
+        iparm, solvable = _factorise(self.options)(key, pattern, values)
+        # The key depends on what the library returned, so that no solve is scheduled before the factorisation.
+        key = key + (iparm[0] < 0).astype(key.dtype)
+        negative = jnp.where(finite, iparm[_NEGATIVE], -1)
+        return Factor(pattern, values, key, negative, finite & solvable & (iparm[_PERTURBED] == 0))
+
+    def solve(self, factor: Factor, rhs: Float[Array, "*k n"]) -> Float[Array, "*k n"]:
+        check_rhs(factor, rhs)
+        stacked = jnp.atleast_2d(jax.lax.stop_gradient(rhs))
+        return _solve(self.options)(factor.token, factor.pattern, factor.values, stacked).reshape(rhs.shape)
+
+
+def _key(pattern: SymmetricPattern, options: tuple[tuple[int, int], ...]) -> Array:
+    """What the library files the factor of this pattern under. Different options are different factors."""
+    salt = int.from_bytes(hashlib.blake2b(repr(options).encode(), digest_size=8).digest(), "little")
+    low, high = pattern.fingerprint[..., 0], pattern.fingerprint[..., 1]
+    return (low.astype(jnp.uint64) | (high.astype(jnp.uint64) << jnp.uint64(32))) ^ jnp.uint64(salt)
+
+
+def _call(phases, options, key, pattern: SymmetricPattern, values, rhs):
+    """One of the library's stateful calls, under our own key: the solution, the final iparm."""
+    from pardiso_mkl_jax import primitive
+
+    token = primitive.FactorizationToken(key, jnp.zeros((), jnp.int32))
+    solution, iparm, _ = getattr(primitive, phases)(
+        token, pattern.indptr, pattern.indices, values, rhs, matrix_type=_SYMMETRIC_INDEFINITE, options=options
+    )
+    return solution, iparm
+
+
+@functools.cache
+def _factorise(options):
+    @jax.custom_batching.sequential_vmap
+    def factorise(key, pattern, values):
+        # The library's call for the factorisation alone would hash the matrix and move the analysis to a new key.
+        probe = jnp.ones((1, pattern.n), values.dtype)
+        solution, iparm = _call("factor_and_solve_stateful", options, key, pattern, values, probe)
+        return iparm, jnp.all(jnp.isfinite(solution))
+
+    return factorise
+
+
+@functools.cache
+def _solve(options):
+    @jax.custom_batching.sequential_vmap
+    def each(key, pattern, values, rhs):
+        solution, _ = _call("solve_stateful", options, key, pattern, values, rhs)
+        # One product checks all of them: their sum, each brought to size one.
+        sizes = jnp.max(jnp.abs(solution), axis=1)
+        weights = 1 / jnp.where(sizes > 0, sizes, 1)
+        residual = symmetric_product(pattern, values, weights @ solution) - weights @ rhs
+        scale = jnp.max(jnp.abs(values)) * rhs.shape[0] + jnp.max(weights @ jnp.abs(rhs))
+        ours = jnp.max(jnp.abs(residual)) <= _BACKWARD_ERROR * scale
+        return jax.lax.cond(
+            ours,
+            lambda: solution,
+            lambda: _call("factor_and_solve_stateful", options, key, pattern, values, rhs)[0],
+        )
+
+    @jax.custom_batching.custom_vmap
+    def solve(key, pattern, values, rhs):
+        return each(key, pattern, values, rhs)
+
+    @solve.def_vmap
+    def _(axis_size, batched, key, pattern, values, rhs):
+        *matrix_batched, rhs_batched = batched
+        if not any(jax.tree_util.tree_leaves(matrix_batched)):
+            stacked = solve(key, pattern, values, rhs.reshape(-1, rhs.shape[-1]))
+            return stacked.reshape(rhs.shape), rhs_batched
+        axes = jax.tree_util.tree_map(lambda is_batched: 0 if is_batched else None, tuple(batched))
+        return jax.vmap(each, in_axes=axes, axis_size=axis_size)(key, pattern, values, rhs), True
+
+    return solve
