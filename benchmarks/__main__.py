@@ -16,13 +16,13 @@ def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("names", nargs="+", metavar="NAME", choices=(*NAMES, "all"), help=f"{', '.join(NAMES)}, or all")
     parser.add_argument("--quick", action="store_true", help="small cases only; the results lie apart")
-    parser.add_argument("--only", default="", metavar="TEXT", help="only cases with this in their label; others are kept")
+    parser.add_argument("--only", default="", metavar="TEXT", help="only cases so labelled; others are kept")
     parser.add_argument("--threads", type=int, default=len(os.sched_getaffinity(0)), help="cores for each case")
     parser.add_argument(
         "--peer-python",
         default=os.environ.get("SHELLKIT_PEER_PYTHON"),
         metavar="PATH",
-        help="interpreter with triangulax and optimistix (default: $SHELLKIT_PEER_PYTHON); without it they are left out",
+        help="interpreter with triangulax and optimistix (default: $SHELLKIT_PEER_PYTHON); else none of its cases",
     )
     return parser.parse_args()
 

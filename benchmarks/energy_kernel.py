@@ -48,5 +48,6 @@ def page(rows: list[Row]) -> str:
 
 
 _INTRODUCTION = """\
-The energy of a deformed sphere, its gradient, and its exact Hessian added up in the sparse matrix, on one core; medians,
-without compilation. *All three* are computed in one call; libshell's C++, hand-written, takes 14 µs a face for them."""
+The energy of a deformed sphere, its gradient, and its exact Hessian added up in the sparse matrix, on one core;
+medians, without compilation. *All three* are computed in one call; libshell's C++, hand-written, takes 14 µs a face for
+them."""

@@ -1,5 +1,5 @@
-"""Time and memory of a compiled function, measured inside a child process. Needs nothing but JAX and Equinox, so that it
-serves the interpreter of a peer as well."""
+"""Time and memory of a compiled function, measured inside a child process. Needs nothing but JAX and Equinox, so that
+it serves the interpreter of a peer as well."""
 
 import time
 from collections.abc import Callable

@@ -1,14 +1,23 @@
 """Relaxation: force and distance to the minimum against time, for SparseNewton and optimistix's minimisers."""
 
+from typing import NamedTuple
+
 from . import report
 from .case import Case, Row
 
 
-# mesh, director field, heading; BFGS keeps a dense matrix, and is for the small one
-_SCENES = {
-    "icosphere-1": ("teacher", "42 vertices, teacher, λ = 1.1"),
-    "icosphere-3": ("teacher", "642 vertices, teacher, λ = 1.1"),
-    "suzanne": ("random", 'Suzanne, 1400 vertices, neo-Hookean, `form="tan"`, random directors, λ = 1.5'),
+class Scene(NamedTuple):
+    """What is relaxed on a mesh."""
+
+    field: str
+    name: str
+    details: str
+
+
+SCENES = {
+    "icosphere-1": Scene("teacher", "42 vertices", "teacher, λ = 1.1"),
+    "icosphere-3": Scene("teacher", "642 vertices", "teacher, λ = 1.1"),
+    "suzanne": Scene("random", "Suzanne, 1400 vertices", 'neo-Hookean, `form="tan"`, random directors, λ = 1.5'),
 }
 _MINIMISERS = ("SparseNewton", "NonlinearCG", "LBFGS", "BFGS")
 _FORCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
@@ -21,25 +30,26 @@ def cases(quick: bool) -> list[Case]:
             "relaxation",
             {
                 "mesh": mesh,
-                "field": field,
+                "field": scene.field,
                 "minimiser": minimiser,
                 "max_steps": 1000 if quick else 20_000,
                 "limit_s": 5.0 if quick else 20.0,
                 "runs": 1 if quick else 3,
             },
         )
-        for mesh, (field, _) in _SCENES.items()
+        for mesh, scene in SCENES.items()
         for minimiser in _MINIMISERS
+        # BFGS keeps a dense matrix.
         if mesh == "icosphere-1" or (minimiser != "BFGS" and not quick)
     ]
 
 
 def page(rows: list[Row]) -> str:
     sections = []
-    for mesh, (_, heading) in _SCENES.items():
+    for mesh, scene in SCENES.items():
         here = [row for row in rows if row["mesh"] == mesh]
         if here:
-            sections.append(f"### {heading}\n\n{_table(here)}")
+            sections.append(f"### {scene.name}, {scene.details}\n\n{_table(here)}")
     return "\n\n".join([_INTRODUCTION, *sections])
 
 
@@ -51,7 +61,8 @@ radius)."""
 
 
 def _table(rows: list[Row]) -> str:
-    head = ("", *(f"&#124;∇E&#124; < {bound:.0e}" for bound in _FORCES), "end: &#124;∇E&#124;", "distance", "steps", "time")
+    below = [f"&#124;∇E&#124; < {bound:.0e}" for bound in _FORCES]
+    head = ("", *below, "end: &#124;∇E&#124;", "distance", "steps", "time")
     lines = []
     for row in rows:
         if reason := report.missing(row):

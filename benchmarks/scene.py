@@ -17,14 +17,21 @@ def ellipsoid(vertices: jax.Array) -> jax.Array:
 
 
 def fields(name: str, n_faces: int) -> tuple[jax.Array, jax.Array]:
-    """Director angles of the top and the bottom layer: `"zero"`, where the tutorial's training begins, or `"random"`."""
+    """Director angles of top and bottom layer: all `"zero"`, where the tutorial's training begins, or `"random"`."""
     if name == "zero":
         return jnp.zeros(n_faces), jnp.zeros(n_faces)
     top, bottom = np.random.default_rng(0).uniform(0, np.pi, (2, n_faces))
     return jnp.asarray(top), jnp.asarray(bottom)
 
 
-def probes(gradient: tuple[jax.Array, jax.Array], count: int = 16) -> list[float]:
+def shape_probes(vertices: jax.Array, count: int = 64) -> list[float]:
+    """The distances of a few fixed pairs of vertices, by which shapes are compared, wherever they lie."""
+    first, second = np.random.default_rng(2).integers(len(vertices), size=(2, count))
+    points = np.asarray(vertices)
+    return np.linalg.norm(points[first] - points[second], axis=1).tolist()
+
+
+def gradient_probes(gradient: tuple[jax.Array, jax.Array], count: int = 16) -> list[float]:
     """The gradient along a few fixed random directions, by which those of two libraries are compared."""
     directions = np.random.default_rng(1).standard_normal((count, sum(map(len, gradient))))
     return (directions @ np.concatenate(gradient)).tolist()

@@ -28,6 +28,7 @@ from ._energy import (
     NeoHookean as NeoHookean,
     StVenantKirchhoff as StVenantKirchhoff,
 )
+from ._design import Bounds as Bounds
 from ._equilibrium import Equilibrium as Equilibrium, RESULTS as RESULTS
 from ._fit import fit as fit
 from ._geometry.curvature import (
@@ -45,7 +46,7 @@ from ._geometry.surface import (
     surface_area as surface_area,
     vertex_areas as vertex_areas,
 )
-from ._history import FitResult as FitResult, History as History
+from ._history import FitResult as FitResult, FitStep as FitStep, History as History
 from ._loss import (
     Area as Area,
     DirectorSmoothness as DirectorSmoothness,
@@ -61,6 +62,7 @@ from ._loss import (
     Volume as Volume,
 )
 from ._mesh.mesh import Mesh as Mesh
+from ._plot import plot as plot, plot_history as plot_history
 from ._problem import InverseProblem as InverseProblem
 from ._rest import RestShape as RestShape
 from ._solve.choose import direct_solver as direct_solver

@@ -126,7 +126,7 @@ def load_checkpoint(path: str | os.PathLike, like: Any) -> FitResult:
         rest must be the same.
 
     **Returns:** a [`shellkit.FitResult`][] with the best and the last design, the history and why the fit had stopped
-    (`"running"` if it was killed). Its `state` is `None`.
+    (`"running"` if it was killed). Its `equilibrium` and `state` are `None`.
 
     **Raises:** `FileNotFoundError` if there is no such file; `ValueError` if the file is no checkpoint, is damaged, or
     belongs to another problem (the message says in which parts).
@@ -141,6 +141,7 @@ def load_checkpoint(path: str | os.PathLike, like: Any) -> FitResult:
         problem=design.problem(best),
         best_loss=stored.header["best_loss"],
         best_step=stored.header["best_step"],
+        equilibrium=None,
         last_problem=design.problem(last),
         history=History(stored.header["history"]),
         stopped=stored.header["stopped"],

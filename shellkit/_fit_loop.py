@@ -35,7 +35,8 @@ class Trainable(Protocol):
 
 class Run(NamedTuple):
     """A fit between two steps. `anchor` is the last accepted design, and `anchor + scale * update` is to be tried next,
-    both in the optimiser's variables; `last` and `best` are values of the trained arrays."""
+    both in the optimiser's variables; `last` and `best` are values of the trained arrays. Their equilibria are kept for
+    warm starts only."""
 
     step: int
     anchor: dict[str, Array]
@@ -47,6 +48,7 @@ class Run(NamedTuple):
     best_loss: float
     best_step: int
     equilibrium: Any
+    best_equilibrium: Any
     seconds: float
 
 
@@ -96,6 +98,7 @@ class Loop:
             best_loss=float("inf"),
             best_step=0,
             equilibrium=None,
+            best_equilibrium=None,
             seconds=0.0,
         )
 
@@ -150,10 +153,10 @@ class Loop:
     def after(self, run: Run, tried: Tried, history: History) -> Run:
         """The fit after the optimiser's update from an accepted design, the last row of the history."""
         found = tried.found
-        warm = found.equilibrium if self._warm_start != "rest" else None
+        warm = self._kept(found)
         at = (found.free, found.loss, found.gradient)
         update, state = advance(self._optimiser, self._design, at, run.state, warm)
-        return self._better(run, found.values, tried.loss)._replace(
+        return self._better(run, tried)._replace(
             step=run.step + 1,
             anchor=found.free,
             update=update,
@@ -167,7 +170,7 @@ class Loop:
     def finish(self, run: Run, history: History) -> Run:
         """Gives the design after the last update its chance to be the best one."""
         tried, objection = self._try(run, run.scale, 0)
-        run = run if objection is not None else self._better(run, tried.found.values, tried.loss)
+        run = run if objection is not None else self._better(run, tried)
         if self._warm_start != "rest":
             self._gap(strong(self._design.free(run.best)), run.best_loss, history, "for the best design")
         return run
@@ -175,7 +178,16 @@ class Loop:
     def result(self, run: Run, history: History, stopped: str) -> FitResult:
         """The fit, as its caller sees it."""
         best, last = self._design.problem(run.best), self._design.problem(run.last)
-        return FitResult(best, run.best_loss, run.best_step, last, history, stopped, run.state)
+        return FitResult(
+            problem=best,
+            best_loss=run.best_loss,
+            best_step=run.best_step,
+            equilibrium=run.best_equilibrium,
+            last_problem=last,
+            history=history,
+            stopped=stopped,
+            state=run.state,
+        )
 
     def identity(self, values: dict[str, Array], state: Any) -> dict[str, Any]:
         """What a checkpoint must agree with to be one of this fit, in groups."""
@@ -212,8 +224,8 @@ class Loop:
         header = stored.header
         if self._warm_start != "rest":
             shapes = eqx.filter_eval_shape(evaluate, self._design, like.anchor, None)
-            like = like._replace(equilibrium=shapes.equilibrium)
-        best, last, anchor, update, state, equilibrium = stored.restore(_arrays(like))
+            like = like._replace(equilibrium=shapes.equilibrium, best_equilibrium=shapes.equilibrium)
+        best, last, anchor, update, state, equilibrium, best_equilibrium = stored.restore(_arrays(like))
         run = Run(
             step=header["step"],
             anchor=anchor,
@@ -225,6 +237,7 @@ class Loop:
             best_loss=header["best_loss"],
             best_step=header["best_step"],
             equilibrium=equilibrium,
+            best_equilibrium=best_equilibrium,
             seconds=header["seconds"],
         )
         return run, History(header["history"])
@@ -254,8 +267,18 @@ class Loop:
             return tried, f"the gradient is not finite in {', '.join(names)}"
         return tried, None
 
-    def _better(self, run: Run, values: dict[str, Array], loss: float) -> Run:
-        return run._replace(best=values, best_loss=loss, best_step=run.step) if loss < run.best_loss else run
+    def _better(self, run: Run, tried: Tried) -> Run:
+        if not tried.loss < run.best_loss:
+            return run
+        return run._replace(
+            best=tried.found.values,
+            best_loss=tried.loss,
+            best_step=run.step,
+            best_equilibrium=self._kept(tried.found),
+        )
+
+    def _kept(self, found: Evaluation) -> Any:
+        return None if self._warm_start == "rest" else found.equilibrium
 
     def _gap(self, free: dict[str, Array], loss: float, history: History, place: str) -> float:
         rest, objection = self._evaluate(free, None, 1.0, 0)
@@ -279,4 +302,4 @@ class Loop:
 
 def _arrays(run: Run) -> tuple:
     # The first two are all that `load_checkpoint` reads.
-    return run.best, run.last, run.anchor, run.update, run.state, run.equilibrium
+    return run.best, run.last, run.anchor, run.update, run.state, run.equilibrium, run.best_equilibrium

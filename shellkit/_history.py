@@ -118,6 +118,7 @@ class FitResult:
     - `best_loss`: its loss.
     - `best_step`: its row in the history; `history.steps` if it is the one after the last update, which is evaluated
         but has no row of its own.
+    - `equilibrium`: its equilibrium, if the fit was warm-started: from rest, `problem()` may find another. Else `None`.
     - `last_problem`: the problem with the design of the last row.
     - `history`: the record of all steps, see [`shellkit.History`][].
     - `stopped`: why the fit ended: `"steps"` (all done), `"plateau"`, `"callback"`, `"seconds"`, `"refused"` (too many
@@ -128,6 +129,7 @@ class FitResult:
     problem: Any
     best_loss: float
     best_step: int
+    equilibrium: Any
     last_problem: Any
     history: History
     stopped: str

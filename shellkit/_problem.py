@@ -146,6 +146,10 @@ class InverseProblem(eqx.Module):
 
         The [`shellkit.Equilibrium`][]. A relaxation that fails returns what it has, with the reason in `result`.
         """
+        # What is compiled does not depend on the loss, so problems that differ in it share one program.
+        return _relax(eqx.tree_at(lambda p: p.loss, self, None, is_leaf=lambda x: x is None), start)
+
+    def _relaxed(self, start: Equilibrium | None) -> Equilibrium:
         energy = self.discrete_energy()
         still = _stop(energy)
         if start is None:
@@ -255,6 +259,11 @@ class InverseProblem(eqx.Module):
         if self.max_steps is not None:
             return self.max_steps
         return self.solver.max_steps if isinstance(self.solver, SparseNewton) else _STEPS_OF_FIRST_ORDER_METHODS
+
+
+@eqx.filter_jit
+def _relax(problem: InverseProblem, start: Equilibrium | None) -> Equilibrium:
+    return problem._relaxed(start)
 
 
 class _Feasible(eqx.Module):

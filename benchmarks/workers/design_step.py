@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import shellkit as sk
 
 from ..measure import profile
-from ..scene import probes
+from ..scene import gradient_probes, shape_probes
 from .problems import design_problem, director_angles
 
 
@@ -36,7 +36,8 @@ def measure(mesh: str, loss: str, stretch: float, field: str, form: str, runs: i
         "energy": float(equilibrium.energy),
         "force_norm": float(jnp.linalg.norm(force)),
         "force_max": float(jnp.max(jnp.abs(force))),
-        "loss": float(value),
-        "gradient_probes": probes(gradient),
+        "value": float(value),
+        "shape_probes": shape_probes(equilibrium.vertices),
+        "gradient_probes": gradient_probes(gradient),
         "forward": profile(_forward, problem, runs=runs)[1],
     }

@@ -34,7 +34,7 @@ def _all(energy: DiscreteEnergy, y: jax.Array):
 
 
 def measure(subdivisions: int, energy: str, runs: int) -> dict:
-    """The kernels at a deformed sphere, each compiled on its own; `all` is the three in one call, as Newton asks for them."""
+    """The kernels at a deformed sphere, each compiled on its own; `all` is the three in one call."""
     mesh = sk.meshes.icosphere(subdivisions)
     problem = sk.InverseProblem(mesh=mesh, thickness=0.1, energy=_ENERGIES[energy]())
     discrete = problem.discrete_energy()

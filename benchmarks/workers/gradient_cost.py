@@ -26,7 +26,7 @@ def _gradient_in(where):
 
 
 def measure(mesh: str, loss: str, stretch: float, form: str, runs: int) -> dict:
-    """The loss alone; with its gradient in the director angles; and in all arrays of actuation, energy and thickness."""
+    """The loss; with its gradient in the director angles; and in all arrays of actuation, energy and thickness."""
     problem = design_problem(sk.Mesh.read(mesh), loss, stretch, "random", form)
     return {
         "n_vertices": problem.mesh.n_vertices,

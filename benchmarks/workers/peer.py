@@ -13,7 +13,7 @@ from triangulax.mesh import HeMesh
 from triangulax.triangular import TriMesh
 
 from ..measure import profile
-from ..scene import FOLDS, SMOOTHNESS_OF, THICKNESS, ellipsoid, fields, probes
+from ..scene import FOLDS, SMOOTHNESS_OF, THICKNESS, ellipsoid, fields, gradient_probes, shape_probes
 
 
 _ADJOINTS = {
@@ -131,8 +131,9 @@ def measure(
         "energy": float(scene.energy(vertices, scene.rest(angles))),
         "force_norm": float(jnp.linalg.norm(force)),
         "force_max": float(jnp.max(jnp.abs(force))),
-        "loss": float(value),
-        "gradient_probes": probes(gradient),
+        "value": float(value),
+        "shape_probes": shape_probes(vertices),
+        "gradient_probes": gradient_probes(gradient),
     }
     if forward:
         record["forward"] = profile(_forward, scene, angles, runs=runs)[1]

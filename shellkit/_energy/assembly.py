@@ -25,11 +25,11 @@ class Assembly(eqx.Module):
 
     free: Int[Array, " n"] | None  # the unknowns that are not held; None if all are free
     pattern: SymmetricPattern
-    stencils: tuple[Int[Array, "N k"], ...]
+    stencils: tuple[Int[Array, "_ _"], ...]
     face_unknowns: Int[Array, "m F"] | None
     face_entries: Int[Array, "F m m"] | None
     corner_entries: Int[Array, "6 3 3 F"] | None
-    element_entries: tuple[Int[Array, "N k 3 k 3"], ...]
+    element_entries: tuple[Int[Array, "_ _ 3 _ 3"], ...]
     n_vertices: int = eqx.field(static=True)
     n_directors: int = eqx.field(static=True)
 
@@ -116,7 +116,7 @@ class Assembly(eqx.Module):
         return free if self.free is None else held.at[self.free].set(free)
 
     def vector(
-        self, faces: Float[Array, "m F"] | None, elements: tuple[Float[Array, "N k 3"], ...]
+        self, faces: Float[Array, "m F"] | None, elements: tuple[Float[Array, "_ _ 3"], ...]
     ) -> Float[Array, " N"]:
         """Add up the gradients of elements, over all unknowns."""
         total = jnp.zeros(self.size)
@@ -132,7 +132,7 @@ class Assembly(eqx.Module):
     def matrix(
         self,
         faces: tuple[Float[Array, "F m m"], Float[Array, "6 3 3 F"]] | None,
-        elements: tuple[Float[Array, "N k 3 k 3"], ...],
+        elements: tuple[Float[Array, "_ _ 3 _ 3"], ...],
     ) -> SparseSymmetric:
         """Add up the Hessians of elements, over the free unknowns."""
         values = jnp.zeros(self.pattern.nnz)

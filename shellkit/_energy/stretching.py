@@ -102,10 +102,15 @@ class NeoHookean(FormEnergy):
         metric = components(rest.metric)
         det = determinant(metric)
         scale = rest.thickness / 16 * jnp.sqrt(det)
-        return inverse(metric, det), det, scale * self.bulk, scale * self.shear
+        return metric, inverse(metric, det), det, scale * self.bulk, scale * self.shear
 
     def density(self, metric: Components, curvature: Components | None, data) -> Float[Array, " F"]:
-        rest_inverse, rest_det, bulk, shear = data
+        rest, rest_inverse, rest_det, bulk, shear = data
         stretch = jnp.sqrt(determinant(metric) / rest_det)
-        trace = rest_inverse[0] * metric[0] + 2 * rest_inverse[1] * metric[1] + rest_inverse[2] * metric[2]
-        return shear * (trace / stretch - 2) + bulk * (stretch - 1) ** 2
+        # With e = C - 1: tr C - 2 J = (tr(e)^2 - 4 det e) / (tr C + 2 J) and J - 1 = (tr e + det e) / (J + 1), which
+        # lose no digits at small strain.
+        change = tuple(now - then for now, then in zip(metric, rest, strict=True))
+        trace = rest_inverse[0] * change[0] + 2 * rest_inverse[1] * change[1] + rest_inverse[2] * change[2]
+        det = determinant(change) / rest_det
+        shearing = (trace**2 - 4 * det) / (stretch * (2 + trace + 2 * stretch))
+        return shear * shearing + bulk * ((trace + det) / (stretch + 1)) ** 2

@@ -8,12 +8,12 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 
-def dot(a: Float[Array, "*m 3 n"], b: Float[Array, "*m 3 n"]) -> Float[Array, "*m n"]:
+def dot(a: Float[Array, "*#m 3 n"], b: Float[Array, "*#m 3 n"]) -> Float[Array, "*#m n"]:
     """Scalar product over the component axis."""
     return a[..., 0, :] * b[..., 0, :] + a[..., 1, :] * b[..., 1, :] + a[..., 2, :] * b[..., 2, :]
 
 
-def cross(a: Float[Array, "*m 3 n"], b: Float[Array, "*m 3 n"]) -> Float[Array, "*m 3 n"]:
+def cross(a: Float[Array, "*#m 3 n"], b: Float[Array, "*#m 3 n"]) -> Float[Array, "*#m 3 n"]:
     """Vector product over the component axis."""
     ax, ay, az = a[..., 0, :], a[..., 1, :], a[..., 2, :]
     bx, by, bz = b[..., 0, :], b[..., 1, :], b[..., 2, :]

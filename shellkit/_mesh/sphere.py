@@ -70,9 +70,9 @@ def _icosahedron():
     k = np.arange(5)
     up, low, up_next, low_next = 1 + 2 * k, 2 + 2 * k, 1 + (2 * k + 2) % 10, 1 + (2 * k + 3) % 10
     top, bottom = np.zeros(5, int), np.full(5, 11)
-    cap = np.stack([up, up_next, top], axis=1)
-    belt_faces = np.stack([np.stack([up_next, up, low], axis=1), np.stack([low, low_next, up_next], axis=1)], axis=1)
-    base = np.stack([low_next, low, bottom], axis=1)
+    cap = np.stack([top, up, up_next], axis=1)
+    belt_faces = np.stack([np.stack([low, up_next, up], axis=1), np.stack([up_next, low, low_next], axis=1)], axis=1)
+    base = np.stack([bottom, low_next, low], axis=1)
     return vertices, np.vstack([cap, belt_faces.reshape(-1, 3), base])
 
 

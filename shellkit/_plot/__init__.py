@@ -1,5 +1,5 @@
-"""Pictures: surfaces with their fields and directors, and the history of a fit. pyvista and matplotlib are imported when
-something is drawn, not before."""
+"""Pictures: surfaces with their fields and directors, and the history of a fit. pyvista and matplotlib are imported
+when something is drawn, not before."""
 
 from .histories import plot_history as plot_history
 from .pictures import plot as plot

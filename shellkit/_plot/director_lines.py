@@ -11,8 +11,8 @@ _MOST_LINES = 3000
 
 
 def carried_directors(mesh: Mesh, points: np.ndarray, angles: np.ndarray) -> np.ndarray:
-    """Directors given by their angles at rest, carried along with the material of each face to where the vertices are now;
-    unit vectors, shape `(F, 3)`.
+    """Directors given by their angles at rest, carried along with the material of each face to where the vertices are
+    now; unit vectors, shape `(F, 3)`.
 
     At rest d = x u + y v in the edge vectors u, v of the face; now it is along x u' + y v' in those of now.
     """
@@ -50,7 +50,9 @@ def director_lines(
     if len(faces) > _MOST_LINES:
         apart = np.sqrt(0.35 * twice_area.sum() / _MOST_LINES)
         shown, half = _evenly_spread(centres, apart), np.full(len(faces), 0.45 * apart)
-    radius = 0.1 * float(np.median(half[shown]))
+    # Thick enough to be seen in a picture of the whole surface, as far as lines that short can be.
+    usual = float(np.median(half[shown]))
+    radius = float(np.clip(0.0045 * np.ptp(points, axis=0).max(), 0.1 * usual, 0.17 * usual))
     centres = centres + 1.2 * level * radius * normals / twice_area[:, None]
     half = half[:, None] * directors
     return (centres - half)[shown], (centres + half)[shown], radius
@@ -58,9 +60,9 @@ def director_lines(
 
 def _evenly_spread(centres: np.ndarray, apart: float) -> np.ndarray:
     """Faces at random, but no two nearer to each other than `apart`."""
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
-    tree = cKDTree(centres)
+    tree = KDTree(centres)
     free = np.ones(len(centres), bool)
     kept = []
     for face in np.random.default_rng(0).permutation(len(centres)):

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Mapping
+from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -40,8 +41,8 @@ def plot_history(
     """Draws the loss of a fit and each term of it, on a logarithmic axis.
 
     Terms are drawn as they are recorded, without their weights: they need not add up to the loss. What is not positive
-    has no place on a logarithmic axis and is left out. The best design of a result is marked on the curve of the loss,
-    and a step before which designs were refused by a cross.
+    has no place on a logarithmic axis and is left out, and so is a term that is the whole loss. The best design of a
+    result is marked on the curve of the loss, and a step before which designs were refused by a cross.
 
     **Arguments:**
 
@@ -52,8 +53,8 @@ def plot_history(
     - `size`: width and height in inches.
     - `save`: a file to write, of a type that matplotlib knows, such as png, svg or pdf.
 
-    **Returns:** the `Figure` of matplotlib, with its axes in `figure.axes[0]`. At the end of a cell of a notebook it shows
-    as a picture.
+    **Returns:** the `Figure` of matplotlib, with its axes in `figure.axes[0]`. At the end of a cell of a notebook it
+    shows as a picture.
 
     **Raises:** `ValueError` for a history without a loss, without steps, or without the column `against`.
 
@@ -77,6 +78,7 @@ def plot_history(
         loss = np.asarray(columns["loss"], dtype=float)
         x = np.arange(len(loss)) if against == "step" else np.asarray(columns[against], dtype=float)
         terms = [name for name in columns if name not in _DIAGNOSTICS and name not in ("loss", against)]
+        terms = [name for name in terms if not np.array_equal(columns[name], loss)]
         _draw_curve(axes, x, loss, "loss", color=palette.TEXT, linewidth=2.2, zorder=3)
         for k, name in enumerate(terms):
             _draw_curve(axes, x, columns[name], name, color=palette.LINES[k % len(palette.LINES)], linewidth=1.4)
@@ -88,7 +90,7 @@ def plot_history(
             axes.plot(place, history.best_loss, "o", color=palette.TEXT, zorder=4, label=best)
         axes.set_yscale("log", nonpositive="mask")
         axes.set_xlabel(_AXES.get(against, against))
-        axes.set_ylabel("loss and its terms, without weights" if len(terms) > 1 else "loss")
+        axes.set_ylabel("loss and its terms, without weights" if terms else "loss")
         axes.set_title(title or "", fontsize="medium")
         axes.grid(axis="y", color="#dddddd", linewidth=0.6)
         axes.set_axisbelow(True)
@@ -102,7 +104,15 @@ def _new_figure(size: tuple[float, float]) -> "Figure":
     # Not by pyplot, which would keep the figure alive and open a window for it.
     from matplotlib.figure import Figure
 
-    return Figure(figsize=size, layout="constrained")
+    class ShownFigure(Figure):
+        """A figure that a notebook shows as a picture although pyplot knows nothing of it."""
+
+        def _repr_png_(self) -> bytes:
+            picture = BytesIO()
+            self.savefig(picture, format="png", dpi=120)
+            return picture.getvalue()
+
+    return ShownFigure(figsize=size, layout="constrained")
 
 
 def _draw_curve(axes: Any, x: np.ndarray, values: Any, label: str, **look: Any) -> None:

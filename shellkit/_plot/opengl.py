@@ -26,7 +26,7 @@ def require_opengl() -> None:
     last_resort = type(vtkRenderWindow()).__name__ == "vtkOSOpenGLRenderWindow"
     if last_resort and ctypes.util.find_library("OSMesa") is None:
         raise RuntimeError(
-            "plot: no OpenGL was found to draw with, neither on a screen nor without one. On Debian or Ubuntu install it "
-            "with: apt-get install libegl1 libgl1-mesa-dri. (VTK_DEFAULT_OPENGL_WINDOW is "
+            "plot: no OpenGL was found to draw with, neither on a screen nor without one. On Debian or Ubuntu install "
+            "it with: apt-get install libegl1 libgl1-mesa-dri. (VTK_DEFAULT_OPENGL_WINDOW is "
             f"{os.environ.get('VTK_DEFAULT_OPENGL_WINDOW', 'not set')!r}; vtkEGLRenderWindow draws without a screen.)"
         )

@@ -1,6 +1,12 @@
 """The colours of all pictures. They can be told apart with any common colour blindness, and in print."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
+
+
+if TYPE_CHECKING:
+    from matplotlib.colors import ListedColormap
 
 
 SURFACE = "#e9e6df"
@@ -17,11 +23,11 @@ UNDER_LINES = "Purples"  # light where values are small, and of neither layer's 
 DIVERGING = "PuOr_r"
 
 
-def color_map(name: str, white: float):
-    """A colour map of matplotlib, mixed with a fraction of white so that lines on it can be seen."""
+def color_map(name: str, pale: float) -> "ListedColormap":
+    """A colour map of matplotlib, mixed with a fraction of light grey so that lines on it can be seen."""
     from matplotlib import colormaps
     from matplotlib.colors import ListedColormap
 
     colors = colormaps[name](np.linspace(0, 1, 256))
-    colors[:, :3] = (1 - white) * colors[:, :3] + white
+    colors[:, :3] = (1 - pale) * colors[:, :3] + 0.94 * pale
     return ListedColormap(colors, name=name)

@@ -45,9 +45,9 @@ def plot(
 ) -> "Plotter":
     """Draws a surface with its fields and directors, or several side by side, seen by one camera.
 
-    What is drawn depends on the thing: of a [`shellkit.Mesh`][] the surface, of an [`shellkit.Equilibrium`][] the relaxed
-    surface, of an [`shellkit.InverseProblem`][] the surface at rest with the directors that are to be imprinted on it, of
-    a [`shellkit.FitResult`][] the best design: at rest, relaxed, and beside its target.
+    What is drawn depends on the thing: of a [`shellkit.Mesh`][] the surface, of an [`shellkit.Equilibrium`][] the
+    relaxed surface, of an [`shellkit.InverseProblem`][] the surface at rest with the directors that are to be imprinted
+    on it, of a [`shellkit.FitResult`][] the best design: at rest, relaxed, and beside its target.
 
     Directors are drawn as lines a little off the side that normals point to, in vermilion for the top layer and in blue
     below it for the bottom one. On a relaxed surface they are carried along with the material. On a fine mesh only an
@@ -62,21 +62,21 @@ def plot(
     - `color`: what to colour the surface by: an array with one number a vertex or face, or a name. Any surface has
         `"mean curvature"`, `"gauss curvature"` and the names in `mesh.vertex_data` and `mesh.face_data`. An equilibrium
         also has `"displacement"` (from the surface at rest), `"stretch"` (the larger principal stretch against the
-        surface at rest), `"actuation"` (the same of the actuated rest metric), `"strain"` (the larger deviation from 1 of
-        the principal stretches against the actuated rest metric, the elastic part) and `"thickness"`; with a target
-        there is `"error"`, the distance of each vertex from its partner in the target (from the nearest point of a target
-        with other vertices). `None`: the error if there is a target, else the displacement of an equilibrium, else
-        nothing. `False`: nothing. A panel without the field stays plain.
+        surface at rest), `"actuation"` (the same of the actuated rest metric), `"strain"` (the larger deviation from 1
+        of the principal stretches against the actuated rest metric, the elastic part) and `"thickness"`; with a target
+        there is `"error"`, the distance of each vertex from its partner in the target (from the nearest point of a
+        target with other vertices). `None`: the error if there is a target, else the displacement of an equilibrium,
+        else nothing. `False`: nothing. A panel without the field stays plain.
     - `name`: the heading of the colour bar for an array.
     - `unit`: the unit of length for the colour bar, such as `"mm"`.
     - `color_map`: the name of a map of matplotlib; by default `cividis`, or `PuOr_r` around zero for values of either
-        sign. Under directors it is mixed with white.
+        sign. Under directors the map is paler, and `Purples` by default.
     - `color_range`: the ends of the map; by default those of all panels together.
-    - `directors`: `True` for those of the problem, if any; `False` for none; else an [`shellkit.Actuation`][], or one or
-        more arrays of angles at rest, shape `(F,)`, the top layer first.
-    - `target`: what the shape should be: positions of the vertices, shape `(V, 3)`, a mesh, an equilibrium, or a problem
-        (relaxed for it, with its directors). Drawn over the surface as a wireframe; of a fit, in a panel of its own,
-        and by default the target of its [`shellkit.VertexDistance`][].
+    - `directors`: `True` for those of the problem, if any; `False` for none; else an [`shellkit.Actuation`][], or one
+        or more arrays of angles at rest, shape `(F,)`, the top layer first.
+    - `target`: what the shape should be: positions of the vertices, shape `(V, 3)`, a mesh, an equilibrium, or a
+        problem (relaxed for it, with its directors). Drawn over the surface as a wireframe; of a fit, in a panel of its
+        own, and by default the target of its [`shellkit.VertexDistance`][].
     - `aligner`: how a shape is laid on the target. By default that of the fit's loss; [`shellkit.Kabsch`][] for an
         equilibrium; a mesh stays where it is.
     - `edges`: whether to draw the edges of the mesh; by default, unless it is fine.
@@ -84,15 +84,16 @@ def plot(
     - `camera`: the direction in which the camera stands, seen from the surface, three numbers; or a camera position of
         pyvista's, such as `"xy"`.
     - `size`: width and height of a panel in pixels.
-    - `save`: a file to write: png, jpg, tif or bmp; svg, pdf, eps or ps; html (interactive, in one file; needs the extra
-        `shellkit[html]`); gltf.
+    - `save`: a file to write: png, jpg, tif or bmp; svg, pdf, eps or ps; html (interactive, in one file; needs the
+        extra `shellkit[html]`); gltf.
     - `show`: open a window, and wait until it is closed.
 
     **Returns:** the pyvista `Plotter`. At the end of a cell of a notebook it shows as a picture; its `show()` is
     interactive.
 
-    **Raises:** `ValueError` for a thing that cannot be drawn, an unknown name (with those that there are), an array that
-    fits neither vertices nor faces, or a file type that cannot be written. `RuntimeError` where there is no OpenGL.
+    **Raises:** `ValueError` for a thing that cannot be drawn, an unknown name (with those that there are), an array
+    that fits neither vertices nor faces, a file type that cannot be written, or `show` without a screen.
+    `RuntimeError` where there is no OpenGL.
 
     ??? example
 
@@ -102,8 +103,10 @@ def plot(
         sk.plot(sk.fit(problem, optax.adam(0.1), steps=200), save="design.png")
         ```
     """
+    if show and not has_display():
+        raise ValueError("plot: show=True needs a screen, and there is none; write the picture to a file with save=...")
     path = None if save is None else _checked_path(save)
-    things = list(thing) if isinstance(thing, (list, tuple)) else [thing]
+    things = list(thing) if isinstance(thing, Sequence) else [thing]
     shapes = [shape for each in things for shape in shapes_of(each, directors, target, aligner)]
     if not shapes:
         raise ValueError("plot: an empty list; give at least one thing to draw.")
@@ -113,12 +116,12 @@ def plot(
     require_opengl()
     import pyvista as pv
 
-    off_screen = path is not None and not show or not has_display()
+    off_screen = (path is not None and not show) or not has_display()
     window = (size[0] * len(shapes), size[1])
     plotter = pv.Plotter(
         shape=(1, len(shapes)), off_screen=off_screen or None, window_size=list(window), border=False, lighting="none"
     )
-    plotter.set_background("white")
+    plotter.background_color = pv.Color("white")
     plotter.enable_anti_aliasing("ssaa")
     draw(
         plotter,
@@ -131,12 +134,13 @@ def plot(
         unit=unit,
         camera=camera,
     )
-    if show and has_display():
+    if show:
         plotter.show(auto_close=False)
-    if path is not None:
-        _save(plotter, path)
-    if plotter.off_screen:
-        plotter.last_image = plotter.screenshot(return_img=True)  # what a notebook shows
+    if path is not None and path.suffix.lower() not in _PIXELS:
+        _export(plotter, path)
+    elif path is not None or plotter.off_screen:
+        # The last image is what a notebook shows.
+        plotter.last_image = plotter.screenshot(None if path is None else str(path), return_img=True)
     return plotter
 
 
@@ -150,20 +154,18 @@ def _checked_path(save: str | os.PathLike) -> Path:
     return path
 
 
-def _save(plotter: "Plotter", path: Path) -> None:
+def _export(plotter: "Plotter", path: Path) -> None:
     suffix = path.suffix.lower()
-    if suffix in _PIXELS:
-        plotter.screenshot(path)
-    elif suffix in _VECTORS:
-        plotter.save_graphic(path)
+    if suffix in _VECTORS:
+        plotter.save_graphic(str(path))
     elif suffix == ".gltf":
-        plotter.export_gltf(path)
+        plotter.export_gltf(str(path))
     else:
         try:
             import trame_pyvista  # noqa: F401 (gives plotters their `trame`)
         except ImportError as error:
             raise ImportError(f"plot: writing {path} needs trame: pip install 'shellkit[html]'. ({error})") from error
-        plotter.trame.export_html(path)
+        plotter.trame.export_html(str(path))
 
 
 def _titled(shapes: list[Shape], title: str | Sequence[str] | None) -> list[Shape]:

@@ -15,7 +15,7 @@ from .shapes import Shape, surface
 _TOP, _BOTTOM = 0.10, 0.22
 _VIEW_ANGLE = 20.0  # degrees
 _MOST_EDGES_SHOWN = 6000
-_MATT = {"ambient": 0.48, "diffuse": 0.64, "specular": 0.0}
+_MATT = {"ambient": 0.5, "diffuse": 0.63, "specular": 0.0}
 
 
 def draw(
@@ -44,7 +44,8 @@ def draw(
         _draw_surface(plotter, shape, field, edges, _colors(color_map, limits, bool(shape.layers)), limits, name)
         for level, angles in enumerate(shape.layers[::-1], 1):
             number = len(shape.layers) - level
-            _draw_directors(plotter, shape, angles, level, palette.LAYERS[number % 2], f"directors {k} {number}")
+            look = (palette.LAYERS[number % 2], f"directors {k} {number}")
+            _draw_directors(plotter, shape, angles, level, level < len(shape.layers), *look)
         if overlay and shape.target is not None:
             _draw_wireframe(plotter, shape.target, f"target {k}")
         _write(plotter, shape.title, 0.5, 1 - 0.5 * _TOP, size / 26, palette.TEXT, f"title {k}")
@@ -56,7 +57,7 @@ def draw(
 
 
 def _limits(fields: Sequence[Field]) -> tuple[float, float] | None:
-    """One range for all panels: symmetric about zero where values are of either sign, from zero where they begin near it."""
+    """One range for all panels: symmetric about zero for values of either sign, from zero where they begin near it."""
     if not fields:
         return None
     values = np.concatenate([field.values for field in fields])
@@ -72,14 +73,14 @@ def _limits(fields: Sequence[Field]) -> tuple[float, float] | None:
 def _colors(name: str | None, limits: tuple[float, float] | None, under_lines: bool) -> Any:
     symmetric = limits is not None and limits[0] == -limits[1]
     sequential = palette.UNDER_LINES if under_lines else palette.SEQUENTIAL
-    return palette.color_map(name or (palette.DIVERGING if symmetric else sequential), 0.25 if under_lines else 0.0)
+    return palette.color_map(name or (palette.DIVERGING if symmetric else sequential), 0.5 if under_lines else 0.0)
 
 
 def _light(plotter: Any) -> None:
     """A strong light from the upper left and a weak one from the lower right, which go with the camera."""
     import pyvista as pv
 
-    for position, intensity in (((-0.6, 0.9, 1.0), 0.75), ((1.0, -0.6, 0.7), 0.4)):
+    for position, intensity in (((-0.6, 0.9, 1.0), 0.78), ((1.0, -0.6, 0.7), 0.4)):
         plotter.add_light(pv.Light(position=position, intensity=intensity, light_type="camera light"), only_active=True)
 
 
@@ -108,15 +109,16 @@ def _draw_surface(
     )
 
 
-def _draw_directors(plotter: Any, shape: Shape, angles: np.ndarray, level: int, color: str, name: str) -> None:
+def _draw_directors(
+    plotter: Any, shape: Shape, angles: np.ndarray, level: int, covered: bool, color: str, name: str
+) -> None:
     import pyvista as pv
 
     tails, heads, radius = director_lines(shape.mesh, shape.points, angles, level)
     ends = np.stack([tails, heads], axis=1).reshape(-1, 3)
-    tubes = pv.line_segments_from_points(ends).tube(radius=radius, n_sides=8, capping=True)
-    plotter.add_mesh(
-        tubes, name=name, color=color, ambient=0.75, diffuse=0.3, smooth_shading=True, reset_camera=False
-    )
+    # What lies below another layer is thicker, to be seen where both have the same direction.
+    tubes = pv.line_segments_from_points(ends).tube(radius=1.4 * radius if covered else radius, n_sides=8, capping=True)
+    plotter.add_mesh(tubes, name=name, color=color, ambient=0.75, diffuse=0.3, smooth_shading=True, reset_camera=False)
 
 
 def _draw_wireframe(plotter: Any, shape: Shape, name: str) -> None:
@@ -176,7 +178,7 @@ def _look(plotter: Any, shapes: Sequence[Shape], overlay: bool, camera: Any) -> 
     points = np.concatenate(seen)
     plotter.link_views()
     plotter.subplot(0, 0)
-    if camera is not None and np.shape(camera) != (3,) or isinstance(camera, str):
+    if isinstance(camera, str) or (camera is not None and np.shape(camera) != (3,)):
         plotter.camera_position = camera
         return
     toward = _default_direction(points) if camera is None else np.asarray(camera, float)
@@ -195,11 +197,11 @@ def _look(plotter: Any, shapes: Sequence[Shape], overlay: bool, camera: Any) -> 
     x, y, z = (seen_along - middle).T
     # A point is in view if it is no further from the axis than the slope times its depth.
     distance = float(np.max(z + np.maximum(np.abs(x) / (0.94 * wide), np.abs(y) / usable) / slope))
-    shift = 0.5 * (_BOTTOM - _TOP) * 2 * slope * distance
-    focus = middle @ axes - shift * up
+    focus = middle @ axes
     view = plotter.camera
     view.view_angle = _VIEW_ANGLE
     view.focal_point, view.position, view.up = focus, focus + distance * toward, up
+    view.SetWindowCenter(0.0, _TOP - _BOTTOM)
     for k in range(len(shapes)):
         plotter.subplot(0, k)
         plotter.reset_camera_clipping_range()

@@ -1,5 +1,5 @@
-"""What there is to draw: each panel of a picture shows one shape, and this is where meshes, equilibria, problems and fits
-become shapes."""
+"""What there is to draw: each panel of a picture shows one shape, and this is where meshes, equilibria, problems and
+fits become shapes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -65,8 +65,8 @@ def shapes_of(thing: Drawable, directors: Directors, target: Target, aligner: Al
     if isinstance(thing, FitResult):
         return _fit_shapes(thing, directors, target, aligner)
     raise ValueError(
-        f"plot: cannot draw a {type(thing).__name__}; give a Mesh, an Equilibrium, an InverseProblem, a FitResult, or a "
-        "list of them."
+        f"plot: cannot draw a {type(thing).__name__}; give a Mesh, an Equilibrium, an InverseProblem, a FitResult, or "
+        "a list of them."
     )
 
 
@@ -82,8 +82,9 @@ def _fit_shapes(result: FitResult, directors: Directors, target: Target, aligner
         aligner = wanted.aligner if aligner is None else aligner
     goal = _target_of(target, problem.mesh)
     start = _at_rest(problem, directors)
-    result_shape = _relaxed(problem(), start.layers, goal, aligner)
-    shapes = [_titled(start, "at rest"), _titled(result_shape, "relaxed")]
+    equilibrium = problem() if result.equilibrium is None else result.equilibrium
+    best = _relaxed(equilibrium, start.layers, goal, aligner)
+    shapes = [_titled(start, "at rest"), _titled(best, "relaxed")]
     return shapes if goal is None else [*shapes, _titled(goal, "target")]
 
 
@@ -125,8 +126,8 @@ def _target_of(target: Target, mesh: Mesh) -> Shape | None:
     points = np.asarray(target, dtype=float)
     if points.shape != mesh.vertices.shape:
         raise ValueError(
-            f"plot: target has shape {points.shape}, but the mesh has {mesh.n_vertices} vertices: give positions of shape "
-            f"{mesh.vertices.shape}, or a Mesh of its own."
+            f"plot: target has shape {points.shape}, but the mesh has {mesh.n_vertices} vertices: give positions of "
+            f"shape {mesh.vertices.shape}, or a Mesh of its own."
         )
     return Shape(mesh, points)
 
@@ -150,12 +151,12 @@ def _layers(mesh: Mesh, actuation: Actuation | None, directors: Directors) -> tu
     elif isinstance(directors, Actuation):
         fields = directors.director_fields()
     else:
-        fields = [directors] if np.ndim(directors[0]) == 0 else list(directors)
+        fields = directors if isinstance(directors, (list, tuple)) and np.ndim(directors[0]) else [directors]
     layers = tuple(np.asarray(field, dtype=float) for field in fields)
     for layer in layers:
         if layer.shape != (mesh.n_faces,):
             raise ValueError(
-                f"plot: directors has a layer of shape {layer.shape}; give one angle a face, shape ({mesh.n_faces},), or a "
-                "list of such layers."
+                f"plot: directors has a layer of shape {layer.shape}; give one angle a face, shape ({mesh.n_faces},), "
+                "or a list of such layers."
             )
     return layers

@@ -44,37 +44,45 @@ def differentiable_minimum(
 
     `y`. Its derivatives are NaN where the linear system could not be solved, as for a singular Hessian: never a wrong number.
     """
-    dynamic, static = eqx.partition(energy, eqx.is_inexact_array)
-    frozen = jax.lax.stop_gradient((y, factored))
+    return _minimum(energy, *jax.lax.stop_gradient((y, factored)), motions, linear_solver)
 
-    @jax.custom_jvp
-    def minimum(dynamic):
-        return frozen[0]
 
-    @minimum.defjvp
-    def _(primals, tangents):
-        (dynamic,), (tangent,) = primals, tangents
-        y = minimum(dynamic)
-        force = jax.jvp(lambda d: eqx.combine(d, static).gradient(y), (dynamic,), (tangent,))[1]
-        return y, -_solve(eqx.combine(dynamic, static), y, force, motions, linear_solver, frozen[1])
+@eqx.filter_custom_jvp
+def _minimum(energy, y, factored, motions, linear_solver):
+    return y
 
-    return minimum(dynamic)
+
+@_minimum.def_jvp
+def _(primals, tangents):
+    energy, y, factored, motions, linear_solver = primals
+    tangent = tangents[0]
+    still, moving = eqx.partition(energy, jax.tree.map(_is_none, tangent, is_leaf=_is_none), is_leaf=_is_none)
+    # The minimum itself again, not y: so that this rule can be differentiated in its turn.
+    minimum = _minimum(*primals)
+    force = jax.jvp(lambda e: eqx.combine(e, still).gradient(minimum), (moving,), (tangent,))[1]
+    return minimum, -_solve(energy, minimum, force, motions, linear_solver, factored)
+
+
+def _is_none(leaf: Any) -> bool:
+    return leaf is None
 
 
 def _solve(energy, y, force, motions, linear_solver, factored) -> Float[Array, " n"]:
     """H(y)^+ force, linear in the force; the Hessian enters through its products, so the result can be differentiated again."""
     product = lambda direction: jax.jvp(energy.gradient, (y,), (direction,))[1]
-    there = jax.lax.stop_gradient(y)
-    hessian = _stop(energy).hessian(there)
+    still, there = _stop(energy), jax.lax.stop_gradient(y)
     basis = None if motions is None else orthonormal(motions(there))
     if factored is None:
         held = None if basis is None else coordinates_to_hold(basis)
+        hessian = still.hessian(there)
         factored = linear_solver.factorise(hessian if held is None else hold(hessian, held)), held
     factor, held = factored
 
     def solve(_, rhs):
         rhs = project_out(basis, rhs)
-        return _conjugate_gradients(hessian.mv, lambda r: solve_held(linear_solver, factor, basis, held, r), rhs)
+        # Two or three products cost less than assembling the Hessian once more.
+        product = jax.linearize(still.gradient, there)[1]
+        return _conjugate_gradients(product, lambda r: solve_held(linear_solver, factor, basis, held, r), rhs)
 
     return jax.lax.custom_linear_solve(product, force, solve, symmetric=True)
 

@@ -18,10 +18,10 @@ from .operator import SparseSymmetric
 _ARMIJO = 1e-4  # part of the decrease that the slope promises
 _NOISE = 64.0  # roundings of the energy below which a difference of energies says nothing
 _MAX_HALVINGS = 40
-_MAX_CORRECTIONS = 4
-_CONTRACTION = 0.3  # corrections go on while each cuts the gradient to this or less
-_SMALLEST_SHIFT, _LARGEST_SHIFT = 1e-6, 1e8  # in units of the mean diagonal entry
-_SHIFT_GROWTH, _SHIFT_DECAY = 4.0, 0.25
+_MAX_CORRECTIONS = 12
+_CONTRACTION = 0.5  # corrections go on while each cuts the gradient to this or less: a tenth of the price of a factor
+_SMALLEST_SHIFT, _LARGEST_SHIFT = 1e-4, 1e8  # in units of the mean diagonal entry
+_SHIFT_GROWTH, _SHIFT_DECAY = 8.0, 0.1
 _MAX_SHIFTS = 24
 _FLOOR = 1e-5  # steps below this fraction of the typical length that lower nothing are rounding
 _SADDLE = 1e-2  # steps below this fraction of the typical length, with a shift, may be at a saddle
@@ -155,7 +155,9 @@ class SparseNewton(optx.AbstractMinimiser):
         )
         # The shift grows where the model was not to be trusted, and fades where it was.
         grown = jnp.maximum(shift, _SMALLEST_SHIFT) * _SHIFT_GROWTH
-        faded = jnp.where(shift * _SHIFT_DECAY < _SMALLEST_SHIFT, 0.0, shift * _SHIFT_DECAY)
+        # A shift that had to be raised within the step is kept; one that was enough at once fades fast.
+        decayed = shift * jnp.where(tries > 1, 1.0, _SHIFT_DECAY)
+        faded = jnp.where(decayed < _SMALLEST_SHIFT, 0.0, decayed)
         lost = stalled & ~escaped & ~settled
         shift = jnp.where(lost, grown * _SHIFT_GROWTH, jnp.where(length < 0.2, grown, jnp.where(length > 0.5, faded, shift)))
         stuck = (lost & (shift > _LARGEST_SHIFT)) | ~_usable(factor) | ~jnp.isfinite(moved.value)

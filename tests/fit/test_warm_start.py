@@ -110,3 +110,5 @@ def test_resumes_from_the_stored_equilibrium(make_wells, angle, tmp_path):
     resumed, straight = run(13, checkpoint=tmp_path / "run"), run(13)
     for name in set(straight.history) - {"seconds"}:
         np.testing.assert_array_equal(resumed.history[name], straight.history[name])
+    np.testing.assert_array_equal(resumed.equilibrium.vertices, straight.equilibrium.vertices)
+    np.testing.assert_allclose((resumed.equilibrium.vertices - 1.3) ** 2, resumed.best_loss)

@@ -1,0 +1,74 @@
+"""Figures of the stored results: `python -m benchmarks.plot [FOLDER]` draws them into `docs/assets`. Needs
+matplotlib."""
+
+import sys
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+
+from . import report
+from .case import ROOT, Row
+from .relaxation import SCENES
+from .scaling import memory, times
+
+
+_STYLE = {
+    "axes.grid": True,
+    "axes.spines.right": False,
+    "axes.spines.top": False,
+    "figure.constrained_layout.use": True,
+    "font.size": 9,
+    "grid.alpha": 0.3,
+    "legend.frameon": False,
+    "lines.linewidth": 1.5,
+    "lines.markersize": 4,
+    "svg.hashsalt": "shellkit",  # the same file for the same figures
+}
+
+
+def _scaling(rows: list[Row]) -> plt.Figure:
+    figure, (left, right) = plt.subplots(1, 2, figsize=(8, 3.4), width_ratios=(3, 2))
+    for name, (vertices, seconds) in times(rows).items():
+        whole = name == "relaxation"
+        left.loglog(vertices, seconds, "k-o" if whole else "-o", label=name, lw=2.5 if whole else 1.5)
+    left.set(xlabel="vertices", ylabel="seconds", title="time")
+    left.legend(fontsize=7)
+    wholes = [row for row in rows if row["what"] == "relaxation" and not report.missing(row)]
+    right.loglog([row["n_vertices"] for row in wholes], [memory(row) for row in wholes], "k-o")
+    right.set(xlabel="vertices", ylabel="MB", title="memory of a relaxation")
+    return figure
+
+
+def _relaxation(rows: list[Row]) -> plt.Figure:
+    meshes = list(dict.fromkeys(row["mesh"] for row in rows if not report.missing(row)))
+    figure, axes = plt.subplots(2, len(meshes), figsize=(3.2 * len(meshes), 5), squeeze=False, sharey="row")
+    for column, mesh in zip(axes.T, meshes, strict=True):
+        for row in rows:
+            if row["mesh"] != mesh or report.missing(row):
+                continue
+            seconds = [point["seconds"] for point in row["trace"]]
+            for axis, quantity in zip(column, ("force", "distance"), strict=True):
+                axis.loglog(seconds, [point[quantity] for point in row["trace"]], ".-", label=row["minimiser"])
+        column[0].set_title(SCENES[mesh].name)
+        column[1].set_xlabel("seconds")
+    axes[0, 0].set_ylabel("|∇E|")
+    axes[1, 0].set_ylabel("distance to the minimum")
+    axes[0, 0].legend(fontsize=7)
+    return figure
+
+
+def main() -> None:
+    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs" / "assets"
+    folder.mkdir(parents=True, exist_ok=True)
+    with plt.rc_context(_STYLE):
+        for name, draw in {"scaling": _scaling, "relaxation": _relaxation}.items():
+            if rows := report.load(name):
+                path = folder / f"benchmark_{name}.svg"
+                draw(rows).savefig(path, metadata={"Date": None})
+                print(path)
+            else:
+                print(f"{name}: no results yet, run python -m benchmarks {name}")
+
+
+if __name__ == "__main__":
+    main()

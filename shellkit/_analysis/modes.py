@@ -1,0 +1,236 @@
+"""How a shell vibrates about an equilibrium: the lowest modes of its exact Hessian and its lumped mass."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Scalar
+
+from .._energy import Assembly
+from .._equilibrium import Equilibrium
+from .._geometry.surface import edge_lengths, vertex_areas
+from .._problem import InverseProblem
+from .._solve.choose import default_direct_solver
+from .._solve.direct import AbstractSparseSolver, Factor
+from .._solve.newton import SparseNewton
+from .._solve.operator import SparseSymmetric
+
+
+# Shifts are in units of the largest ratio of stiffness to mass at one unknown. The smallest leaves the matrix of a free
+# shell regular by four digits; it grows until the matrix is positive definite, past the lowest eigenvalue of an
+# unstable shape.
+_SMALLEST_SHIFT, _LARGEST_SHIFT, _SHIFT_GROWTH = 1e-11, 1e2, 30.0
+_AT_REST = 1e-12  # forces that would move no vertex by more than this fraction of an edge
+_TOLERANCE = 1e-6
+
+
+class Modes(eqx.Module):
+    """The lowest modes of vibration about an equilibrium, in ascending order."""
+
+    eigenvalues: Float[Array, " count"]
+    r"""$\omega$ of $H x = \omega M x$, in units of stiffness over area; negative where the equilibrium is unstable."""
+    modes: Float[Array, "count V 3"]
+    r"""Displacements, orthonormal in the mass: $\sum_i m_i\, x_i \cdot x'_i$ is one for a mode and itself, else zero."""
+    directors: Float[Array, "count E"] | None
+    """How edge normals turn with each mode; `None` unless directors are free."""
+    errors: Float[Array, " count"]
+    """Bounds on the error of each eigenvalue, to first order, from the residuals."""
+    equilibrium: Equilibrium
+    """The shape about which the shell vibrates."""
+
+    @property
+    def converged(self) -> Bool[Array, ""]:
+        """Whether each eigenvalue is exact to 1e-6 of itself or of the largest here."""
+        size = jnp.maximum(jnp.abs(self.eigenvalues), _TOLERANCE * jnp.max(jnp.abs(self.eigenvalues)))
+        return jnp.all(self.errors <= _TOLERANCE * size)
+
+    def __str__(self) -> str:
+        lines = ["mode        eigenvalue"]
+        for number, (value, error) in enumerate(zip(self.eigenvalues, self.errors, strict=True)):
+            lines.append(f"{number:4d}  {float(value):16.9e} ± {float(error):.0e}")
+        return "\n".join(lines)
+
+
+def vibration_modes(problem: InverseProblem, count: int = 10, equilibrium: Equilibrium | None = None) -> Modes:
+    r"""The lowest modes of vibration of a shell about an equilibrium.
+
+    $$H x = \omega M x,$$
+
+    with $H$ the exact Hessian of the energy in the free unknowns and $M$ the lumped mass of a shell of unit mass per
+    area of its surface at rest: a third of the area of its faces to each vertex. A shell of density $\rho$ and
+    thickness $h$ has the angular frequencies $\sqrt{\omega / \rho h}$. Free directors carry no mass and follow. Rigid
+    motions that nothing resists are among the modes, with eigenvalue zero.
+
+    Found by Lanczos' method on the factorised, slightly shifted Hessian, then refined together with the rigid motions.
+    Not for use under `jax.jit`, and not differentiable.
+
+    **Arguments:**
+
+    - `problem`: the shell.
+    - `count`: how many modes; at most half of those that there are.
+    - `equilibrium`: the shape to vibrate about; by default the surface at rest if that is an equilibrium, else
+        `problem()`.
+
+    **Returns:**
+
+    The [`shellkit.Modes`][].
+
+    **Raises:**
+
+    `ValueError` if `count` is out of range, or the Hessian is not finite or cannot be made positive definite by adding
+    mass.
+
+    ??? cite "Source"
+
+        T. Ericsson and A. Ruhe, "The spectral transformation Lanczos method for the numerical solution of large sparse
+        generalized symmetric eigenvalue problems", Math. Comp. 35 (1980), 1251–1268.
+    """
+    from scipy.linalg import eigh
+    from scipy.sparse import diags_array
+    from scipy.sparse.linalg import LinearOperator, eigsh
+
+    _check_count(problem, count)
+    if equilibrium is None:
+        equilibrium = problem.unrelaxed()
+        pencil = _pencil(problem, equilibrium.vertices, None)
+        if pencil.imbalance > _AT_REST:
+            equilibrium = eqx.filter_jit(problem)()
+            pencil = _pencil(problem, equilibrium.vertices, equilibrium.directors)
+    else:
+        pencil = _pencil(problem, equilibrium.vertices, equilibrium.directors)
+    solver = problem.solver.linear_solver if isinstance(problem.solver, SparseNewton) else default_direct_solver()
+    factor, shift = _factorise(solver, pencil)
+
+    n = pencil.mass.shape[0]
+    operator = lambda matvec: LinearOperator((n, n), matvec=matvec, dtype=float)  # pyright: ignore[reportCallIssue]
+    _, found = eigsh(
+        operator(lambda shape: np.asarray(pencil.stiffness.mv(jnp.asarray(shape).reshape(n)))),
+        k=count,
+        M=diags_array(np.asarray(pencil.mass)),
+        sigma=-float(shift),
+        OPinv=operator(lambda load: np.asarray(_solve(solver, factor, pencil, jnp.asarray(load).reshape(1, n)))[0]),
+        v0=np.random.default_rng(0).normal(size=n),
+    )
+    # One more inverse iteration, of all modes in one call, and the best combinations of them and the rigid motions.
+    basis, energies, masses = _subspace(solver, factor, pencil, jnp.asarray(found.T))
+    values, mixture = eigh(energies, masses)
+    values, shapes = jnp.asarray(values[:count]), jnp.asarray(mixture.T[:count]) @ basis
+    errors = _errors(solver, factor, pencil, shift, values, shapes)
+    modes, directors = _fields(problem.assembly, shapes)
+    return Modes(values, modes, directors, errors, equilibrium)
+
+
+def _check_count(problem: InverseProblem, count: int) -> None:
+    free, massive = problem.assembly.free, 3 * problem.mesh.n_vertices
+    available = massive if free is None else int(np.count_nonzero(np.asarray(free) < massive))
+    if problem.motions is not None:
+        available -= problem.motions.coefficients.shape[1]
+    if not 1 <= count <= available // 2:
+        raise ValueError(
+            f"vibration_modes: count={count}, but it must be between 1 and {available // 2}, half the number of modes; "
+            "for more, decompose problem.hessian(vertices).as_matrix() in full."
+        )
+
+
+class _Pencil(eqx.Module):
+    """Stiffness and lumped mass of the free unknowns, and the rigid motions that cost nothing, orthonormal in the mass."""
+
+    stiffness: SparseSymmetric
+    mass: Float[Array, " n"]
+    rigid: Float[Array, "k n"] | None
+    imbalance: Scalar
+    """The largest force, as the part of an edge by which it would move its vertex."""
+    unit: Scalar
+    """The largest ratio of stiffness to mass at one unknown: about the largest eigenvalue."""
+
+    def elastic(self, shapes: Float[Array, "k n"]) -> Float[Array, "k n"]:
+        """The part of some shapes that is orthogonal, in the mass, to rigid motions."""
+        return shapes if self.rigid is None else shapes - (shapes * self.mass) @ self.rigid.T @ self.rigid
+
+    def self_balanced(self, loads: Float[Array, "k n"]) -> Float[Array, "k n"]:
+        """The part of some loads that does no work on rigid motions."""
+        return loads if self.rigid is None else loads - (loads @ self.rigid.T) @ (self.rigid * self.mass)
+
+
+@eqx.filter_jit
+def _pencil(problem: InverseProblem, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None) -> _Pencil:
+    assembly, mesh = problem.assembly, problem.mesh
+    energy = problem.discrete_energy()
+    y = assembly.restrict(assembly.join(vertices, directors))
+    stiffness = energy.hessian(y)
+    areas = vertex_areas(mesh.vertices, mesh)
+    mass = assembly.restrict(jnp.concatenate([jnp.repeat(areas, 3), jnp.zeros(assembly.n_directors)]))
+    rigid = None
+    if problem.motions is not None:
+        fields = problem.motions(y)
+        gram = fields.T @ (mass[:, None] * fields)
+        rigid = jax.scipy.linalg.solve_triangular(jnp.linalg.cholesky(gram), fields.T, lower=True)
+    diagonal = jnp.abs(stiffness.values[stiffness.pattern.diagonal])
+    force = jnp.max(jnp.abs(energy.gradient(y)))
+    imbalance = force / (jnp.mean(diagonal) * jnp.mean(edge_lengths(mesh.vertices, mesh)))
+    unit = jnp.max(jnp.where(mass > 0, diagonal / jnp.where(mass > 0, mass, 1.0), 0.0))
+    return _Pencil(stiffness, mass, rigid, imbalance, unit)
+
+
+def _factorise(solver: AbstractSparseSolver, pencil: _Pencil) -> tuple[Factor, Scalar]:
+    """Factorise H + sM with the smallest shift s tried that makes it positive definite."""
+    shift = _SMALLEST_SHIFT
+    while shift < _LARGEST_SHIFT:
+        factor = _factorise_shifted(solver, pencil, shift * pencil.unit)
+        if factor.ok and factor.negative <= 0:
+            return factor, shift * pencil.unit
+        shift *= _SHIFT_GROWTH
+    raise ValueError(
+        "vibration_modes: the Hessian is not finite at this shape, or unstable in unknowns that carry no mass (free "
+        "directors). Give an equilibrium that converged, and look at its vertices."
+    )
+
+
+@eqx.filter_jit
+def _factorise_shifted(solver: AbstractSparseSolver, pencil: _Pencil, shift: Scalar) -> Factor:
+    pattern, values = pencil.stiffness.pattern, pencil.stiffness.values
+    return solver.factorise(SparseSymmetric(pattern, values.at[pattern.diagonal].add(shift * pencil.mass)))
+
+
+@eqx.filter_jit
+def _solve(
+    solver: AbstractSparseSolver, factor: Factor, pencil: _Pencil, loads: Float[Array, "k n"]
+) -> Float[Array, "k n"]:
+    """(H + sM)⁻¹ on the complement of rigid motions, which a small shift leaves nearly free."""
+    return pencil.elastic(solver.solve(factor, pencil.self_balanced(loads)))
+
+
+@eqx.filter_jit
+def _subspace(
+    solver: AbstractSparseSolver, factor: Factor, pencil: _Pencil, found: Float[Array, "k n"]
+) -> tuple[Float[Array, "m n"], Float[Array, "m m"], Float[Array, "m m"]]:
+    """A basis of rigid motions and the modes found, improved; with twice its energies, and its masses."""
+    basis = _solve(solver, factor, pencil, found * pencil.mass)
+    basis = basis if pencil.rigid is None else jnp.concatenate([pencil.rigid, basis])
+    energies = basis @ jax.vmap(pencil.stiffness.mv)(basis).T
+    return basis, 0.5 * (energies + energies.T), basis @ (pencil.mass * basis).T
+
+
+@eqx.filter_jit
+def _errors(
+    solver: AbstractSparseSolver,
+    factor: Factor,
+    pencil: _Pencil,
+    shift: Scalar,
+    values: Float[Array, " k"],
+    shapes: Float[Array, "k n"],
+) -> Float[Array, " k"]:
+    """Bounds on the errors of eigenvalues: the residual in the norm of the inverse, and rounding."""
+    residuals = jax.vmap(pencil.stiffness.mv)(shapes) - values[:, None] * pencil.mass * shapes
+    corrections = _solve(solver, factor, pencil, residuals)
+    sizes = jnp.sqrt(jnp.sum(pencil.mass * corrections**2, axis=1))
+    return jnp.abs(values + shift) * sizes + jnp.finfo(values.dtype).eps * pencil.unit
+
+
+@eqx.filter_jit
+def _fields(
+    assembly: Assembly, shapes: Float[Array, "k n"]
+) -> tuple[Float[Array, "k V 3"], Float[Array, "k E"] | None]:
+    """Displacements and turns of edge normals from free unknowns."""
+    still = jnp.zeros(assembly.size)
+    return jax.vmap(lambda shape: assembly.split(assembly.extend(shape, still)))(shapes)

@@ -1,0 +1,5 @@
+"""Supports: what of a shell is held, where it is held, and how the surface goes on beyond held edges."""
+
+from .base import Supports as Supports
+from .held import Clamped as Clamped, Pinned as Pinned
+from .planes import Sliding as Sliding, Symmetry as Symmetry

@@ -1,0 +1,104 @@
+"""Actuations: exact metrics, symmetries, ramps and refusals."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import shellkit as sk
+
+
+MESH = sk.meshes.icosphere(subdivisions=1)
+REST = sk.RestShape.of(MESH, jnp.asarray(0.1), "sin")
+ANGLES = jnp.asarray(np.random.default_rng(0).uniform(0, np.pi, MESH.n_faces))
+
+
+def in_space(metric):
+    """Metrics of faces as stretches in their orthonormal frames: eigenvalues of g0^-1 g."""
+    return np.sqrt(np.sort(np.linalg.eigvals(np.linalg.inv(np.asarray(REST.metric)) @ np.asarray(metric)).real, axis=-1))
+
+
+def test_nematic_stretches_along_its_director():
+    metric = sk.Nematic(ANGLES, 1.3)(REST).metric
+    assert np.allclose(in_space(metric), [1 / 1.3, 1.3], rtol=1e-12)
+    assert np.allclose(np.linalg.det(metric), np.linalg.det(REST.metric), rtol=1e-12)
+    # The squared length of the director itself, in edge coordinates.
+    e1, e2 = sk.face_frames(MESH.vertices, MESH)
+    d = np.cos(ANGLES)[:, None] * e1 + np.sin(ANGLES)[:, None] * e2
+    a, b, c = np.moveaxis(np.asarray(MESH.vertices)[np.asarray(MESH.faces)], 1, 0)
+    basis = np.stack([b - a, c - a], axis=-1)
+    coordinates = np.einsum("fij,fj->fi", np.linalg.pinv(basis), d)
+    assert np.allclose(np.einsum("fi,fij,fj->f", coordinates, metric, coordinates), 1.3**2, rtol=1e-12)
+
+
+def test_nematic_is_headless_and_trivial_at_one():
+    assert jnp.allclose(sk.Nematic(ANGLES, 1.3)(REST).metric, sk.Nematic(ANGLES + jnp.pi, 1.3)(REST).metric, atol=1e-14)
+    assert jnp.allclose(sk.Nematic(ANGLES, 1.0)(REST).metric, REST.metric, atol=1e-15)
+    assert jnp.allclose(sk.Nematic(ANGLES, 1 / 1.3)(REST).metric, sk.Nematic(ANGLES + jnp.pi / 2, 1.3)(REST).metric, atol=1e-14)
+
+
+def test_growth():
+    assert np.allclose(sk.IsotropicGrowth(1.2)(REST).metric, 1.44 * REST.metric, rtol=1e-14)
+    per_face = jnp.linspace(0.8, 1.2, MESH.n_faces)
+    assert np.allclose(sk.IsotropicGrowth(per_face)(REST).metric, per_face[:, None, None] ** 2 * REST.metric, rtol=1e-14)
+    assert np.allclose(in_space(sk.OrthotropicGrowth(ANGLES, 1.4, 0.9)(REST).metric), [0.9, 1.4], rtol=1e-12)
+    assert jnp.allclose(sk.OrthotropicGrowth(ANGLES, 1.3, 1 / 1.3)(REST).metric, sk.Nematic(ANGLES, 1.3)(REST).metric)
+
+
+def test_bilayer_is_mean_and_difference():
+    top, bottom = sk.Nematic(ANGLES, 1.3), sk.IsotropicGrowth(1.1)
+    both = sk.Bilayer(top, bottom)(REST)
+    g_top, g_bottom = top(REST).metric, bottom(REST).metric
+    assert jnp.allclose(both.metric, (g_top + g_bottom) / 2)
+    assert jnp.allclose(both.curvature, REST.curvature + 3 / (4 * 0.1) * (g_top - g_bottom))
+    same = sk.Bilayer(top, top)(REST)
+    assert jnp.allclose(same.metric, g_top) and jnp.allclose(same.curvature, REST.curvature)
+
+
+def test_timoshenko_strip():
+    """A flat bilayer with strains ±e/2 bends to 3 e / (2 h): b_r over the metric."""
+    strip = sk.meshes.rectangle(1.0, 0.3, cells=(8, 3))
+    rest = sk.RestShape.of(strip, jnp.asarray(0.01), "sin")
+    strain = 1e-3
+    both = sk.Bilayer(sk.IsotropicGrowth(1 + strain / 2), sk.IsotropicGrowth(1 - strain / 2))(rest)
+    curvature = np.linalg.inv(both.metric) @ np.asarray(both.curvature)
+    assert np.allclose(curvature, 1.5 * strain / 0.01 * np.eye(2), rtol=1e-4, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "actuation",
+    [
+        sk.Nematic(ANGLES, 1.3),
+        sk.IsotropicGrowth(1.3),
+        sk.OrthotropicGrowth(ANGLES, 1.3, 0.9),
+        sk.Bilayer(sk.Nematic(ANGLES, 1.3), sk.Passive()),
+        sk.Prescribed(1.5 * REST.metric, 0.5 * REST.curvature),
+        sk.Passive(),
+    ],
+    ids=lambda a: type(a).__name__,
+)
+def test_ramp_starts_at_rest_and_ends_at_the_whole(actuation):
+    for progress, expected in ((0.0, REST), (1.0, actuation(REST))):
+        found = actuation.at(progress)(REST)
+        assert jnp.allclose(found.metric, expected.metric, atol=1e-14)
+        assert jnp.allclose(found.curvature, expected.curvature, atol=1e-13)
+
+
+def test_director_fields():
+    assert len(sk.Bilayer(sk.Nematic(ANGLES, 1.1), sk.OrthotropicGrowth(ANGLES, 1.1, 1.0)).director_fields()) == 2
+    assert sk.Passive().director_fields() == ()
+
+
+@pytest.mark.parametrize(
+    "actuation, words",
+    [
+        (sk.Nematic(ANGLES[:42], 1.1), ["42", "80"]),
+        (sk.Nematic(ANGLES.at[7].set(jnp.nan), 1.1), ["angle", "7"]),
+        (sk.IsotropicGrowth(jnp.ones(80).at[5].set(-1.0)), ["stretch", "5"]),
+        (sk.Prescribed(metric=-REST.metric), ["metric", "positive definite"]),
+        (sk.Prescribed(curvature=jnp.zeros((3, 2, 2))), ["curvature", "80"]),
+    ],
+)
+def test_bad_actuations_are_refused(actuation, words):
+    with pytest.raises(ValueError) as error:
+        actuation.check(MESH)
+    assert all(word in str(error.value) for word in words), str(error.value)
