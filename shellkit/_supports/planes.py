@@ -47,7 +47,9 @@ class Sliding(SingleSupport):
         Along a path of the supports, planes and lines move evenly.
         """
         if (normal is None) == (along is None):
-            raise ValueError("Sliding: give the normal of the planes, or the direction along the lines: one of the two.")
+            raise ValueError(
+                "Sliding: give the normal of the planes, or the direction along the lines: one of the two."
+            )
         self.vertices = as_selection(vertices)
         self.normal = None if normal is None else _direction("Sliding", "normal", normal)
         self.along = None if along is None else _direction("Sliding", "along", along)
@@ -164,5 +166,7 @@ def _direction(owner: str, name: str, value: str | Numbers) -> Float[Array, " 3"
     if vector.shape != (3,):
         raise ValueError(f"{owner}: {name} has shape {vector.shape}; expected a vector, shape (3,).")
     if not isinstance(vector, jax.core.Tracer) and not (np.isfinite(vector).all() and np.any(vector)):
-        raise ValueError(f"{owner}: {name} is {np.asarray(vector).tolist()}; expected a finite vector that is not zero.")
+        raise ValueError(
+            f"{owner}: {name} is {np.asarray(vector).tolist()}; expected a finite vector that is not zero."
+        )
     return vector

@@ -49,7 +49,9 @@ def forces(load, mesh=SHEET, rest=REST):
 def test_total_force_is_what_was_asked_for(load, total):
     if total is None:
         area = sk.face_areas(X, SHEET)
-        per_area = load.force if isinstance(load, SurfaceLoad) else jnp.outer(load.density * REST.thickness, load.acceleration)
+        per_area = (
+            load.force if isinstance(load, SurfaceLoad) else jnp.outer(load.density * REST.thickness, load.acceleration)
+        )
         total = area @ per_area
     np.testing.assert_allclose(jnp.sum(forces(load), axis=0), total, rtol=1e-12, atol=1e-14)
 

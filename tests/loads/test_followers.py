@@ -11,7 +11,7 @@ from shellkit._energy import Assembly, DiscreteEnergy
 from shellkit._energy.followers import EdgeMoment, Pressure
 from shellkit._energy.foundation import Foundation
 from shellkit._rest import RestShape
-from shellkit._supports import Clamped, Pinned, Symmetry
+from shellkit._supports import Clamped
 
 
 def discrete(term, mesh):
@@ -30,7 +30,7 @@ def face_loads(shape, mesh, pressure):
 
 
 def test_pressure_on_a_closed_shell_is_its_area_normals():
-    ball = sk.meshes.icosphere(1.0, subdivisions=1)
+    ball = sk.meshes.icosphere(subdivisions=1)
     energy, shape = discrete(Pressure(2.5), ball), crumpled(ball)
     forces = -energy.gradient(shape.reshape(-1)).reshape(-1, 3)
     np.testing.assert_allclose(forces, face_loads(shape, ball, 2.5), atol=1e-14)
@@ -58,19 +58,17 @@ def test_pressure_on_a_part_of_a_sphere_in_planes_through_the_apex():
     plane = jnp.isclose(y, 0.0) & (x > 0.1) & (x < 0.9)
     apex = jnp.zeros(3)
     forces = -discrete(Pressure(1.0, apex), wedge).gradient(wedge.vertices.reshape(-1)).reshape(-1, 3)
-    np.testing.assert_allclose(
-        forces[plane, :2], face_loads(wedge.vertices, wedge, 1.0)[plane, :2], atol=1e-14
-    )
+    np.testing.assert_allclose(forces[plane, :2], face_loads(wedge.vertices, wedge, 1.0)[plane, :2], atol=1e-14)
 
 
 def test_pressurised_sphere():
     """Card 2 of the literature: (α+β) 4h [ρ³ − ρ + η(ρ − 1)] = p R ρ², η = h²/6R²."""
-    ball = sk.meshes.icosphere(1.0, subdivisions=3)
-    energy = sk.StVenantKirchhoff(0.5, 0.5) + sk.Bending(0.5, 0.5) + Pressure(1e-3)
+    ball = sk.meshes.icosphere(subdivisions=2)
+    energy = sk.StVenantKirchhoff.from_young(1.0, 0.3) + sk.Bending.from_young(1.0, 0.3) + Pressure(1e-3)
     equilibrium = sk.InverseProblem(ball, 0.01, energy)()
     assert equilibrium.converged
     radii = jnp.linalg.norm(equilibrium.vertices - equilibrium.vertices.mean(axis=0), axis=1)
-    assert abs(float(radii.mean()) - 1.0356120262) < 1e-3
+    assert abs(float(radii.mean()) - 1.0356120262) < 2e-3
 
 
 def strip(length=10.0, cells=(30, 3)):
@@ -92,24 +90,23 @@ def test_edge_moment_works_on_the_angle(centre):
     np.testing.assert_allclose(jnp.sum(jnp.cross(mesh.vertices, forces), axis=0), [0.0, 3.0, 0.0], atol=1e-13)
 
 
-@pytest.mark.parametrize("directors", ["free", "average"])
-def test_edge_moment_bends_a_strip_into_an_arc(directors):
+def test_edge_moment_bends_a_strip_into_an_arc():
     """Curvature M / EI all along: a strip clamped at one end turns by M L / EI at the other."""
     young, thickness = 1.2e6, 0.1
     mesh, tip = strip()
     total = 1.0  # radians at the tip
     moment = total / 10.0 * young * thickness**3 / 12
-    energy = sk.StVenantKirchhoff.from_young(young, 0.0) + sk.Bending.from_young(young, 0.0, directors=directors)
+    energy = sk.StVenantKirchhoff.from_young(young, 0.0) + sk.Bending.from_young(young, 0.0, directors="free")
     root = mesh.vertices[:, 0] < 1e-6
     problem = sk.InverseProblem(mesh, thickness, energy + EdgeMoment(tip, moment), supports=Clamped(root))
     relax = eqx.filter_jit(lambda p, start: p(start))
-    half = eqx.tree_at(lambda p: p.energy.terms[-1].moment, problem, 0.5 * moment)
-    equilibrium = relax(problem, half())
+    equilibrium = None
+    for part in (0.5, 1.0):
+        equilibrium = relax(eqx.tree_at(lambda p: p.energy, problem, problem.energy.at(jnp.array(part))), equilibrium)
     assert equilibrium.converged
     end = (equilibrium.vertices[tip]).mean(axis=0)
     exact = 10.0 * jnp.array([jnp.sin(total) / total, 0.05, (jnp.cos(total) - 1) / total])
-    # All diagonals run one way, which averaged normals do not bear.
-    np.testing.assert_allclose(end, exact, atol=0.01 if directors == "free" else 1.0)
+    np.testing.assert_allclose(end, exact, atol=0.01)
 
 
 def test_foundation_is_a_spring():
@@ -135,7 +132,9 @@ def test_sheet_on_a_foundation_sinks_by_load_over_stiffness():
     equilibrium = problem()
     assert equilibrium.converged and problem.motions is None
     # A vertex's share of load and of springs is its area alike, so that it sinks evenly.
-    np.testing.assert_allclose(equilibrium.vertices - sheet.vertices, jnp.zeros((20, 3)).at[:, 2].set(-0.0025), atol=1e-12)
+    np.testing.assert_allclose(
+        equilibrium.vertices - sheet.vertices, jnp.zeros((20, 3)).at[:, 2].set(-0.0025), atol=1e-12
+    )
 
 
 @pytest.mark.parametrize(
@@ -147,7 +146,7 @@ def test_sheet_on_a_foundation_sinks_by_load_over_stiffness():
         (Foundation(jnp.ones(3)), r"stiffness has shape \(3,\)"),
         (Foundation(1.0, positions=jnp.ones((2, 3))), r"positions has shape \(2, 3\)"),
         (Foundation(1.0, direction=[0.0, 0.0, 0.0]), "not zero"),
-        (EdgeMoment([6, 7, 8], 1.0), r"edge between the vertices \[6, 7\] is not on the boundary"),
+        (EdgeMoment([6, 7, 8], 1.0), r"edge between the vertices \[7, 6\] is not on the boundary"),
         (EdgeMoment([0, 1], jnp.ones(2)), "moment is"),
     ],
 )

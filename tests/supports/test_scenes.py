@@ -22,42 +22,38 @@ def shell(mesh, supports, directors="free", load=None, thickness=0.1):
     return sk.InverseProblem(mesh, thickness, energy if load is None else energy + load, supports=supports)
 
 
-def held_state(problem, noise=0.0, seed=0):
-    """Free unknowns near where the supports want the shell."""
-    y = problem.assembly.restrict(problem.assembly.join(problem.supports.held_positions(problem.mesh), None))
-    return y + noise * jax.random.normal(jax.random.key(seed), y.shape)
-
-
-EDGE, REGION, FRONT = (lambda x: x[:, 0] < 0.1), (lambda x: x[:, 0] < 0.6), (lambda x: x[:, 1] < 0.1)
-SUPPORTS = {
-    "clamp": Clamped(EDGE),
-    "turned clamp": Clamped(EDGE, rotation=jnp.array([0.1, 0.2, 0.3])),
-    "clamped region": Clamped(REGION),
-    "symmetry": Symmetry(EDGE, normal="x"),
-    "oblique plane": Sliding(EDGE, normal=[1.0, 2.0, 3.0]),
-    "oblique line": Sliding(EDGE, along=[1.0, 2.0, 3.0]),
-    "oblique and symmetry": Sliding(EDGE, normal=[1.0, 2.0, 3.0]) + Symmetry(FRONT, normal="y"),
-}
+EDGE = lambda x: x[:, 0] < 0.1
 
 
 @pytest.mark.parametrize("directors", ["free", "average"])
-@pytest.mark.parametrize("name", SUPPORTS)
-def test_derivatives_in_the_free_unknowns(name, directors):
-    problem = shell(dome((3, 3)), SUPPORTS[name], directors, thickness=0.3)
-    y = held_state(problem, noise=0.03)
+def test_derivatives_in_the_free_unknowns(directors):
+    """A clamped region that has been turned, a plane of symmetry, an oblique plane and an oblique line at once."""
+    mesh = dome((4, 3))
+    x, y, _ = mesh.vertices.T
+    supports = Clamped(x < 0.3, rotation=jnp.array([0.1, 0.2, 0.3])) + Symmetry((x > 0.3) & (y < 0.1), normal="y")
+    supports += Sliding((x > 0.9) & (y < 0.9), normal=[1.0, 2.0, 3.0]) + Sliding([19], along=[1.0, 2.0, 3.0])
+    problem = shell(mesh, supports, directors, thickness=0.3)
+    y = problem.assembly.restrict(problem.assembly.join(problem.supports.held_positions(mesh), None))
+    y = y + 0.03 * jax.random.normal(jax.random.key(0), y.shape)
 
     @jax.jit
     def derivatives(y):
         energy = problem.discrete_energy()
-        return jax.grad(energy.__call__)(y), energy.gradient(y), jax.jacfwd(energy.gradient)(y), energy.hessian(y).as_matrix()
+        return (
+            jax.grad(energy.__call__)(y),
+            energy.gradient(y),
+            jax.jacfwd(energy.gradient)(y),
+            energy.hessian(y).values,
+        )
 
-    automatic, gradient, jacobian, hessian = derivatives(y)
+    automatic, gradient, jacobian, values = derivatives(y)
     np.testing.assert_allclose(gradient, automatic, atol=1e-15)
-    np.testing.assert_allclose(hessian, jacobian, atol=1e-13)
+    pattern = problem.assembly.pattern
+    np.testing.assert_allclose(values, jacobian[pattern.rows, pattern.indices], atol=1e-13)
+    assert np.count_nonzero(np.abs(jacobian) > 1e-13) <= 2 * pattern.nnz - pattern.n
 
 
-@pytest.mark.parametrize("directors", ["free", "average"])
-@pytest.mark.parametrize("oblique", [False, True])
+@pytest.mark.parametrize(("directors", "oblique"), [("free", True), ("average", False)])
 def test_one_half_with_symmetry_bends_as_the_whole(directors, oblique):
     half = dome((4, 4))
     n = half.n_vertices
@@ -65,11 +61,13 @@ def test_one_half_with_symmetry_bends_as_the_whole(directors, oblique):
     # The mirror image shares the vertices on the plane; its faces run the other way round.
     number = jnp.where(on_plane, jnp.arange(n), n + jnp.cumsum(~on_plane) - 1)
     mirrored = (half.vertices * jnp.array([-1.0, 1.0, 1.0]))[~on_plane]
-    whole = sk.Mesh(jnp.concatenate([half.vertices, mirrored]), jnp.concatenate([half.faces, number[half.faces][:, ::-1]]))
+    whole = sk.Mesh(
+        jnp.concatenate([half.vertices, mirrored]), jnp.concatenate([half.faces, number[half.faces][:, ::-1]])
+    )
     turn = jnp.eye(3)
     if oblique:
         turn = jax.scipy.linalg.expm(jnp.cross(jnp.eye(3), jnp.array([0.3, -0.5, 0.4])))
-    load = SurfaceLoad(turn @ jnp.array([0.0, 0.0, -1e-4]))
+    load = SurfaceLoad(turn @ jnp.array([0.0, 0.0, -1e-3]))
     half, whole = (m.with_vertices(m.vertices @ turn.T) for m in (half, whole))
 
     rim = whole.boundary_vertices
@@ -87,50 +85,48 @@ def test_a_clamp_that_moves_as_a_rigid_body_takes_the_shell_along():
     rotation, shift = jnp.array([0.4, -0.3, 0.6]), jnp.array([0.0, 2.0, 0.0])
     clamp = Clamped(EDGE, rotation=rotation, displacement=shift, centre=jnp.zeros(3))
     problem = shell(mesh, clamp)
-    turn = jax.scipy.linalg.expm(jnp.cross(jnp.eye(3), -rotation))
+    relax = eqx.filter_jit(
+        lambda progress, start: eqx.tree_at(lambda p: p.supports, problem, clamp.on(mesh).at(progress))(start)
+    )
+    turn = jax.scipy.linalg.expm(jnp.cross(jnp.eye(3), rotation))
     moved = mesh.vertices @ turn.T + shift
-    np.testing.assert_allclose(problem.discrete_energy()(problem.assembly.restrict(problem.assembly.join(moved, None))), 0, atol=1e-25)
-    start = shell(mesh, clamp.at(0.9))()
-    equilibrium = problem(start)
+    np.testing.assert_allclose(
+        problem.discrete_energy()(problem.assembly.restrict(problem.assembly.join(moved, None))), 0, atol=1e-25
+    )
+    equilibrium = relax(jnp.array(0.0), None)
+    np.testing.assert_allclose(equilibrium.vertices, mesh.vertices, atol=1e-12)
+    for progress in (0.5, 1.0):
+        equilibrium = relax(jnp.array(progress), equilibrium)
     assert equilibrium.converged
     np.testing.assert_allclose(equilibrium.vertices, moved, atol=1e-8)
 
 
-@pytest.mark.parametrize("directors", ["free", "average"])
-def test_a_clamp_is_stiffer_than_a_pin_and_carries_the_moment(directors):
-    """A narrow strip under an end force, against w = P L³ / 3D; its reactions balance force and moment."""
+def test_a_clamp_carries_force_and_moment():
+    """A narrow strip under an end force P, against w = P L³ / 3D, and the reactions P and P L."""
     strip = sk.meshes.rectangle(length=1.0, width=0.2, cells=(16, 3))
     tip = strip.vertices[:, 0] > 0.99
-    force, thickness = 1e-6, 0.02
-    problem = sk.InverseProblem(
-        strip,
-        thickness,
-        sk.StVenantKirchhoff.from_young(1.0, 0.0)
-        + sk.Bending.from_young(1.0, 0.0, directors=directors)
-        + EdgeLoad(tip, jnp.array([0.0, 0.0, force * thickness**2])),
-        supports=Clamped(EDGE),
-    )
+    thickness, force = 0.02, 4e-10
+    energy = sk.StVenantKirchhoff.from_young(1.0, 0.0) + sk.Bending.from_young(1.0, 0.0, directors="free")
+    energy += EdgeLoad(tip, jnp.array([0.0, 0.0, force]))
+    problem = sk.InverseProblem(strip, thickness, energy, supports=Clamped(lambda x: x[:, 0] < 0.01))
     equilibrium = problem()
     deflection = float(jnp.mean((equilibrium.vertices - strip.vertices)[tip, 2]))
-    exact = force * thickness**2 / 3 / (0.2 * thickness**3 / 12)
-    # All diagonals run one way, which averaged normals do not bear.
-    assert abs(deflection / exact - 1) < (0.005 if directors == "free" else 0.5)
+    np.testing.assert_allclose(deflection, force / 3 / (0.2 * thickness**3 / 12), rtol=5e-3)
     y = problem.assembly.restrict(problem.assembly.join(equilibrium.vertices, equilibrium.directors))
     reactions, moments = problem.assembly.split(problem.discrete_energy().full_gradient(y))
-    np.testing.assert_allclose(jnp.sum(reactions, axis=0), [0, 0, -force * thickness**2], atol=1e-15)
-    if directors == "free":
-        couple = jnp.sum(reactions[:, 2] * strip.vertices[:, 0])
-        np.testing.assert_allclose(jnp.abs(jnp.sum(moments)) + couple, force * thickness**2, rtol=2e-2)
+    held = jnp.isclose(strip.vertices[:, 0], 0.0)
+    np.testing.assert_allclose(jnp.sum(reactions[held], axis=0), [0, 0, -force], atol=1e-6 * force)
+    root = held[strip.edges].all(axis=1)
+    np.testing.assert_allclose(jnp.sum(moments[root]), -force, rtol=1e-4)
 
 
-@pytest.mark.parametrize("diagonals", ["right", "alternating", "jittered"])
-def test_clamped_square_plate_converges_with_the_second_order(diagonals):
-    """w0 = 0.00126532 q L⁴ / D in the middle, whatever Poisson's ratio is. A quarter of the plate, clamped on two sides."""
+def test_clamped_square_plate_converges_with_the_second_order():
+    """w0 = 0.00126532 q L⁴ / D in the middle, whatever Poisson's ratio is. A quarter of the plate, on an irregular mesh."""
     thickness = 0.01
     stiffness = thickness**3 / 12
     errors = []
     for n in (4, 8):
-        mesh = sk.meshes.rectangle(length=0.5, width=0.5, cells=(n, n), diagonals=diagonals)
+        mesh = sk.meshes.rectangle(length=0.5, width=0.5, cells=(n, n), diagonals="jittered")
         x = mesh.vertices
         supports = Clamped((x[:, 0] < 1e-9) | (x[:, 1] < 1e-9))
         supports += Symmetry(x[:, 0] > 0.499, normal="x") + Symmetry(x[:, 1] > 0.499, normal="y")
@@ -143,7 +139,9 @@ def test_clamped_square_plate_converges_with_the_second_order(diagonals):
 
 def test_equilibria_have_derivatives_in_what_is_prescribed():
     mesh = dome((3, 3))
-    supports = Clamped(EDGE, rotation=jnp.array([0.0, 0.1, 0.0])) + Pinned([15], displacement=jnp.array([0.0, 0.0, 0.05]))
+    supports = Clamped(EDGE, rotation=jnp.array([0.0, 0.1, 0.0])) + Pinned(
+        [15], displacement=jnp.array([0.0, 0.0, 0.05])
+    )
     problem = shell(mesh, supports)
     where = lambda p: (p.supports.terms[0].rotation, p.supports.terms[1].displacement)
 
@@ -153,9 +151,7 @@ def test_equilibria_have_derivatives_in_what_is_prescribed():
 
     values = where(problem)
     direction = (jnp.array([0.3, -0.5, 0.2]), jnp.array([0.1, 0.4, -0.7]))
-    _, slope = jax.jvp(shape, (values,), (direction,))
     gradient = jax.grad(shape)(values)
-    np.testing.assert_allclose(sum(jnp.vdot(g, d) for g, d in zip(gradient, direction, strict=True)), slope, rtol=1e-9)
-    step = 1e-4
-    ahead, behind = (shape(jax.tree.map(lambda v, d: v + s * d, values, direction)) for s in (step, -step))
-    np.testing.assert_allclose((ahead - behind) / (2 * step), slope, rtol=1e-5)
+    slope = sum(jnp.vdot(g, d) for g, d in zip(gradient, direction, strict=True))
+    moved = lambda step: shape(jax.tree.map(lambda v, d: v + step * d, values, direction))
+    np.testing.assert_allclose((moved(1e-4) - moved(-1e-4)) / 2e-4, slope, rtol=1e-5)
