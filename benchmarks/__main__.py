@@ -6,7 +6,7 @@ import os
 import sys
 
 from . import report
-from .case import Row, run
+from .case import run
 
 
 NAMES = ("design_step", "relaxation", "scaling", "gradient_cost", "energy_kernel")
@@ -28,19 +28,20 @@ def _options() -> argparse.Namespace:
 
 
 def _benchmark(name: str, options: argparse.Namespace) -> bool:
+    """Run the cases asked for; each is stored as soon as it is done, among those measured earlier."""
     benchmark = importlib.import_module(f"benchmarks.{name}")
-    kept = {row["label"]: row for row in report.load(name, options.quick)}
-    rows: list[Row] = []
-    for case in benchmark.cases(options.quick):
+    cases = benchmark.cases(options.quick)
+    known = {row["label"]: row for row in report.load(name, options.quick)}
+    fine = True
+    for case in cases:
         if options.only in case.label:
             print(f"{name}: {case.label} …", end=" ", flush=True)
-            row = run(case, options.threads, options.peer_python)
+            known[case.label] = row = run(case, options.threads, options.peer_python)
             print(report.missing(row) or "done", flush=True)
-            rows.append(row)
-        elif case.label in kept:
-            rows.append(kept[case.label])
-    report.store(name, options.quick, rows, benchmark.page(rows))
-    return not any("failed" in row for row in rows)
+            fine = fine and "failed" not in row
+            rows = [known[other.label] for other in cases if other.label in known]
+            report.store(name, options.quick, rows, benchmark.page(rows))
+    return fine
 
 
 def main() -> None:

@@ -19,6 +19,12 @@ from ._align import (
     NoAlignment as NoAlignment,
     Similarity as Similarity,
 )
+from ._analysis import (
+    Modes as Modes,
+    TaylorReport as TaylorReport,
+    taylor_test as taylor_test,
+    vibration_modes as vibration_modes,
+)
 from ._checkpoint import load_checkpoint as load_checkpoint
 from ._energy import (
     Bending as Bending,
@@ -62,6 +68,7 @@ from ._loss import (
     Volume as Volume,
 )
 from ._mesh.mesh import Mesh as Mesh
+from ._path import Path as Path, Ramp as Ramp, follow as follow, relax as relax
 from ._plot import plot as plot, plot_history as plot_history
 from ._problem import InverseProblem as InverseProblem
 from ._rest import RestShape as RestShape

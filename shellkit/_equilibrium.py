@@ -8,23 +8,25 @@ from ._mesh.mesh import Mesh
 from ._rest import RestShape
 
 
-class RESULTS(optx.RESULTS):
+class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]  # an Equinox enumeration: made to be extended
     """How a relaxation ended; `RESULTS[equilibrium.result]` is the message."""
 
     hinge_folded = (
-        "The relaxation ended on a hinge that is folded flat, where the averaged edge normal vanishes and the energy has no "
-        'gradient: there is no equilibrium to find. Use Bending(form="tan"), which resists folding, or a weaker actuation.'
+        "The relaxation ended on a hinge that is folded flat, where the averaged edge normal vanishes and the energy "
+        "has no gradient: there is no equilibrium to find. Equilibrium.worst_hinge is the edge. Use "
+        'Bending(form="tan"), which resists folding, or a weaker actuation.'
     )
     stuck = (
-        "No step lowers the energy, far from an equilibrium. Common causes: a face of nearly no area, an energy that is not "
-        "finite or has no gradient there. Look at equilibrium.vertices, or relax along a path."
+        "No step lowers the energy, far from an equilibrium. Common causes: a face of nearly no area, an energy that "
+        "is not finite or has no gradient there. Look at equilibrium.vertices, or relax along a path."
     )
 
 
 class Equilibrium(eqx.Module):
     """A shape at which the energy is stationary, or as near as the relaxation came.
 
-    `vertices` (and `directors`, the angles by which edge normals are turned, where the energy has them) are differentiable in
+    `vertices` (and `directors`, the angles by which edge normals are turned, where the energy has them) are
+    differentiable in
     all arrays of the problem; the diagnostics are not.
     """
 
@@ -48,7 +50,7 @@ class Equilibrium(eqx.Module):
     """Whether the minimiser reached its tolerance."""
     stable: Bool[Array, ""]
     """Whether the Hessian there has no negative eigenvalue: a minimum, not a saddle."""
-    result: optx.RESULTS
+    result: RESULTS | optx.RESULTS
     """How the relaxation ended; see [`shellkit.RESULTS`][]."""
     worst_hinge: Int[Array, ""] | None
     """The edge with the largest hinge angle; `None` where nothing bends."""

@@ -20,10 +20,11 @@ _WHOLE = 1 + 1e-9  # a remainder of so many increments is taken in one
 
 
 class Ramp(eqx.Module):
-    """Even steps from nothing to the whole of actuation, loads and prescribed motion, smaller ones where that is needed.
+    """Even steps from nothing to the whole of actuation, loads and prescribed motion, smaller ones where needed.
 
     A relaxation that does not converge is tried again with half the step; after a success the step doubles, up to the
-    one that `steps` gives. Each relaxation starts from the straight line through the last two equilibria.
+    one that `steps` gives. Each relaxation starts from the straight line through the last two equilibria. One that
+    fails costs all the steps that the solver may take; where that happens, `SparseNewton(max_steps=40)` saves time.
     """
 
     steps: int = eqx.field(static=True)
@@ -121,8 +122,8 @@ def relax(problem: InverseProblem, path: Ramp | None = None, start: Equilibrium 
 
 
 def follow(problem: InverseProblem, path: Ramp | None = None, start: Equilibrium | None = None) -> Path:
-    """Relax a shell along a path and keep every equilibrium on the way: for films, for load–displacement curves, or to see
-    why a path ends early.
+    """Relax a shell along a path and keep every equilibrium on the way: for films, for load–displacement curves, or to
+    see why a path ends early.
 
     Not for use under `jax.jit`, where the number of steps is not known; [`shellkit.relax`][] is.
 
@@ -180,7 +181,7 @@ def _goes_on(path: Ramp) -> Callable[[_Walk], Bool[Array, ""]]:
 
 
 def _advance(problem: InverseProblem, path: Ramp, walk: _Walk) -> tuple[_Walk, Scalar, Equilibrium]:
-    """One attempt: predict, relax, and go there if that converged. Returns the progress tried and what came of it, too."""
+    """One attempt: predict, relax, and go there if that converged. Also what was tried, and what came of it."""
     left = 1 - walk.progress
     tried = jnp.where(left <= _WHOLE * walk.increment, 1.0, walk.progress + walk.increment)
     covered = walk.progress - walk.last_progress

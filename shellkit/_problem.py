@@ -5,12 +5,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
+from jax.core import Tracer
 from jaxtyping import Array, Float, Scalar
 
 from ._actuation import Actuation, Passive
 from ._align import Kabsch
 from ._energy import AbstractEnergy, Assembly, DiscreteEnergy, FormEnergy
 from ._equilibrium import RESULTS, Equilibrium
+from ._geometry.forms import CurvatureForm
 from ._geometry.patches import Hinges, Triangles
 from ._loss import Loss
 from ._mesh.mesh import Mesh
@@ -32,7 +34,8 @@ _TURN, _SHRINK = 0.34, 0.2  # no face may turn further than cos = 0.34 (70 degre
 class InverseProblem(eqx.Module):
     """A shell, its actuation, its energy and the loss of its equilibrium.
 
-    Calling it relaxes the shell and returns the [`shellkit.Equilibrium`][]; `evaluate` goes on to the loss. Both are functions of
+    Calling it relaxes the shell and returns the [`shellkit.Equilibrium`][]; `evaluate` goes on to the loss. Both are
+    functions of
     every array in the problem, and can be differentiated in any of them, forwards and backwards, by one solve with
     the factor that the relaxation leaves.
 
@@ -106,7 +109,8 @@ class InverseProblem(eqx.Module):
 
     def rest_shape(self) -> RestShape:
         """The rest shape under actuation."""
-        forms = [t.form for _, t in self.energy.weighted_terms() if isinstance(t, FormEnergy) and t.form is not None]
+        terms = (term for _, term in self.energy.weighted_terms())
+        forms: list[CurvatureForm] = [t.form for t in terms if isinstance(t, FormEnergy) and t.form is not None]
         rest = RestShape.of(self.mesh, self.thickness, forms[0] if forms else None)
         return self.actuation(rest)
 
@@ -219,7 +223,8 @@ class InverseProblem(eqx.Module):
         )
 
     def objective(self, start: Equilibrium | None = None) -> tuple[Scalar, tuple[dict[str, Scalar], Equilibrium]]:
-        """The loss, with its terms by name and the equilibrium that they were measured at: what [`shellkit.fit`][] trains on.
+        """The loss, with its terms by name and the equilibrium that they were measured at: what [`shellkit.fit`][]
+        trains on.
 
         **Arguments:**
 
@@ -227,7 +232,7 @@ class InverseProblem(eqx.Module):
         """
         if self.loss is None:
             raise ValueError("This InverseProblem has no loss: give it one, such as loss=sk.VertexDistance(target).")
-        equilibrium = self(start) if self.loss.needs_shape else self._unrelaxed()
+        equilibrium = self(start) if self.loss.needs_shape else self.unrelaxed()
         value, terms = self.loss.evaluate(equilibrium, self.actuation)
         return value, (terms, equilibrium)
 
@@ -236,8 +241,8 @@ class InverseProblem(eqx.Module):
         value, (terms, _) = self.objective()
         return value, terms
 
-    def _unrelaxed(self) -> Equilibrium:
-        """The surface at rest, for losses that do not look at the shape."""
+    def unrelaxed(self) -> Equilibrium:
+        """The surface at rest as an equilibrium that nothing was done to: for losses that do not look at the shape."""
         zero, yes = jnp.zeros(()), jnp.array(True)
         none = jnp.zeros((), jnp.int32)
         return Equilibrium(
@@ -255,6 +260,11 @@ class InverseProblem(eqx.Module):
             worst_hinge=None,
         )
 
+    def at(self, progress: float | Scalar) -> "InverseProblem":
+        """This problem with a fraction `progress` (0 to 1) of its actuation and loads; see [`shellkit.relax`][]."""
+        parts = (self.actuation.at(progress), self.energy.at(progress))
+        return eqx.tree_at(lambda p: (p.actuation, p.energy), self, parts)
+
     def _step_limit(self) -> int:
         if self.max_steps is not None:
             return self.max_steps
@@ -267,7 +277,8 @@ def _relax(problem: InverseProblem, start: Equilibrium | None) -> Equilibrium:
 
 
 class _Feasible(eqx.Module):
-    """Whether a step turns no face too far and crushes none: a line search that jumps over such states can fold the shell."""
+    """Whether a step turns no face too far and crushes none: a line search that jumps over such states can fold the
+    shell."""
 
     energy: DiscreteEnergy
 
@@ -300,14 +311,17 @@ def _checked_thickness(thickness: float | Array, mesh: Mesh) -> Array:
     thickness = jnp.asarray(thickness, dtype=float)
     if thickness.shape not in ((), (mesh.n_faces,)):
         raise ValueError(
-            f"InverseProblem: thickness has shape {thickness.shape}; give one number or one a face, shape ({mesh.n_faces},)."
+            f"InverseProblem: thickness has shape {thickness.shape}; give one number or one a face, "
+            f"shape ({mesh.n_faces},)."
         )
-    if not isinstance(thickness, jax.core.Tracer):
+    if not isinstance(thickness, Tracer):
         numbers = np.atleast_1d(np.asarray(thickness))
         bad = np.flatnonzero(~(np.isfinite(numbers) & (numbers > 0)))
         if len(bad):
             where = f" of face {bad[0]}" if numbers.size > 1 else ""
-            raise ValueError(f"InverseProblem: the thickness{where} is {numbers[bad[0]]}; it must be positive and finite.")
+            raise ValueError(
+                f"InverseProblem: the thickness{where} is {numbers[bad[0]]}; it must be positive and finite."
+            )
     return thickness
 
 
@@ -317,4 +331,6 @@ def _check_one_curvature(terms) -> None:
     kinds = {(term.form, term.directors) for term in bending}
     if len(kinds) > 1:
         listed = "; ".join(f"form={form!r}, directors={directors!r}" for form, directors in sorted(kinds))
-        raise ValueError(f"The bending terms of the energy measure curvature in different ways ({listed}); give all the same.")
+        raise ValueError(
+            f"The bending terms of the energy measure curvature in different ways ({listed}); give all the same."
+        )

@@ -20,7 +20,9 @@ class RestShape(eqx.Module):
     thickness: Float[Array, " F"]
 
     @classmethod
-    def of(cls, mesh: Mesh, thickness: Float[Array, ""] | Float[Array, " F"], form: CurvatureForm | None) -> "RestShape":
+    def of(
+        cls, mesh: Mesh, thickness: Float[Array, ""] | Float[Array, " F"], form: CurvatureForm | None
+    ) -> "RestShape":
         """The rest shape that a mesh has as it stands.
 
         **Arguments:**

@@ -90,7 +90,9 @@ def _work_on_motions(terms: list[EnergyTerm], mesh: Mesh, rest: RestShape, centr
             force = np.asarray(gradient(shape.reshape(-1)))
             work = force @ np.asarray(rigid_fields(shape - centre))
             effort = np.abs(force).sum() * _effort(scale)
-            rows.append(np.where(np.abs(work) > _TOLERANCE * np.maximum(effort, 1e-300), work / np.maximum(effort, 1e-300), 0.0))
+            rows.append(
+                np.where(np.abs(work) > _TOLERANCE * np.maximum(effort, 1e-300), work / np.maximum(effort, 1e-300), 0.0)
+            )
     return np.array(rows)
 
 

@@ -2,14 +2,24 @@
 
 from .base import (
     Actuation as Actuation,
+)
+from .base import (
     PartialActuation as PartialActuation,
+)
+from .base import (
     Passive as Passive,
+)
+from .base import (
     SheetActuation as SheetActuation,
 )
 from .bilayer import Bilayer as Bilayer
 from .growth import (
     IsotropicGrowth as IsotropicGrowth,
+)
+from .growth import (
     OrthotropicGrowth as OrthotropicGrowth,
+)
+from .growth import (
     Prescribed as Prescribed,
 )
 from .nematic import Nematic as Nematic

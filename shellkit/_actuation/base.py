@@ -5,6 +5,7 @@ import abc
 import equinox as eqx
 import jax
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from .._mesh.mesh import Mesh
@@ -45,12 +46,7 @@ class PartialActuation(Actuation):
 
     def __call__(self, rest: RestShape) -> RestShape:
         actuated = self.whole(rest)
-        between = lambda start, end: None if start is None else start + self.progress * (end - start)
-        return RestShape(
-            between(rest.metric, actuated.metric),
-            between(rest.curvature, actuated.curvature),
-            between(rest.thickness, actuated.thickness),
-        )
+        return jax.tree.map(lambda start, end: start + self.progress * (end - start), rest, actuated)
 
     def director_fields(self) -> tuple[Float[Array, " F"], ...]:
         return self.whole.director_fields()
@@ -85,10 +81,11 @@ def check_per_face(owner: str, name: str, value: Array, mesh: Mesh, *, scalar: b
     expected = f"one a face, shape ({mesh.n_faces},)"
     if value.shape != (mesh.n_faces,) and not (scalar and value.shape == ()):
         raise ValueError(
-            f"{owner}: {name} has shape {value.shape}, but the mesh has {mesh.n_faces} faces and {mesh.n_vertices} vertices; "
+            f"{owner}: {name} has shape {value.shape}, but the mesh has {mesh.n_faces} faces and "
+            f"{mesh.n_vertices} vertices; "
             f"give {'one number or ' if scalar else ''}{expected}."
         )
-    if isinstance(value, jax.core.Tracer):
+    if isinstance(value, Tracer):
         return
     numbers = np.atleast_1d(np.asarray(value))
     bad = np.flatnonzero(~np.isfinite(numbers) | (positive & ~(numbers > 0)))

@@ -1,5 +1,6 @@
 """Two sheets glued together: their mean stretches the shell, and their difference bends it."""
 
+import equinox as eqx
 from jaxtyping import Array, Float
 
 from .._mesh.mesh import Mesh
@@ -44,4 +45,6 @@ class Bilayer(Actuation):
 
     def at(self, progress: float | Float[Array, ""]) -> "Bilayer":
         """Both layers, each gone through by a fraction."""
-        return Bilayer(self.top.at(progress), self.bottom.at(progress))
+        return eqx.tree_at(
+            lambda both: (both.top, both.bottom), self, (self.top.at(progress), self.bottom.at(progress))
+        )

@@ -1,9 +1,9 @@
 """Sheets that grow or swell, and rest shapes prescribed outright."""
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from .._mesh.mesh import Mesh
@@ -36,7 +36,8 @@ class IsotropicGrowth(SheetActuation):
 
 
 class OrthotropicGrowth(SheetActuation):
-    """Growth by different stretches along a direction in each face and across it, such as of fibres that do not swell."""
+    """Growth by different stretches along a direction in each face and across it, such as of fibres that do not
+    swell."""
 
     angle: Float[Array, " F"]
     along: Float[Array, "..."]
@@ -89,13 +90,17 @@ class Prescribed(Actuation):
             if form is None:
                 continue
             if form.shape != (mesh.n_faces, 2, 2):
-                raise ValueError(f"Prescribed: {name} has shape {form.shape}; expected ({mesh.n_faces}, 2, 2), one a face.")
-            if isinstance(form, jax.core.Tracer):
+                raise ValueError(
+                    f"Prescribed: {name} has shape {form.shape}; expected ({mesh.n_faces}, 2, 2), one a face."
+                )
+            if isinstance(form, Tracer):
                 continue
-            bad = np.flatnonzero(~np.isfinite(form).all((1, 2)) | (np.abs(form[:, 0, 1] - form[:, 1, 0]) > 1e-12 * np.abs(form).max()))
+            bad = np.flatnonzero(
+                ~np.isfinite(form).all((1, 2)) | (np.abs(form[:, 0, 1] - form[:, 1, 0]) > 1e-12 * np.abs(form).max())
+            )
             if len(bad):
                 raise ValueError(f"Prescribed: the {name} of face {bad[0]} is not finite and symmetric.")
-        if self.metric is not None and not isinstance(self.metric, jax.core.Tracer):
+        if self.metric is not None and not isinstance(self.metric, Tracer):
             bad = np.flatnonzero((np.linalg.det(self.metric) <= 0) | (np.asarray(self.metric)[:, 0, 0] <= 0))
             if len(bad):
                 raise ValueError(f"Prescribed: the metric of face {bad[0]} is not positive definite.")

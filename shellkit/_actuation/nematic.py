@@ -15,7 +15,8 @@ class Nematic(SheetActuation):
     $$g_r = B^T \Lambda^2 B, \qquad \Lambda^2 = \tfrac12(\lambda^2+\lambda^{-2})\, 1 + \tfrac12(\lambda^2-\lambda^{-2})
     \begin{pmatrix}\cos 2\theta & \sin 2\theta\\ \sin 2\theta & -\cos 2\theta\end{pmatrix},$$
 
-    with $g_0 = B^T B$, $B$ upper triangular. Angles $\theta$ and $\theta + \pi$ are the same state. Heated elastomers have
+    with $g_0 = B^T B$, $B$ upper triangular. Angles $\theta$ and $\theta + \pi$ are the same state. Heated elastomers
+    have
     $\lambda < 1$.
 
     ??? cite "Source"

@@ -1,4 +1,6 @@
 """What can be asked of a problem besides its solution: how it vibrates, and whether its derivatives are right."""
 
-from .modes import Modes as Modes, vibration_modes as vibration_modes
-from .taylor import TaylorReport as TaylorReport, taylor_test as taylor_test
+from .modes import Modes as Modes
+from .modes import vibration_modes as vibration_modes
+from .taylor import TaylorReport as TaylorReport
+from .taylor import taylor_test as taylor_test

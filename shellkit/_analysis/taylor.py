@@ -25,8 +25,8 @@ _LEVELS = 6  # of extrapolation
 class TaylorReport(eqx.Module):
     r"""Whether the derivative of a loss is right; printing it gives a table.
 
-    Along a random direction $d$, the remainder $|L(\theta + h d) - L(\theta) - h L'(\theta) d|$ falls with the square of
-    $h$ if, and in the end only if, the derivative is right.
+    Along a random direction $d$, the remainder $|L(\theta + h d) - L(\theta) - h L'(\theta) d|$ falls with the square
+    of $h$ if, and in the end only if, the derivative is right.
     """
 
     steps: Float[Array, " n_plus_1"]
@@ -49,8 +49,8 @@ class TaylorReport(eqx.Module):
 
     @property
     def passed(self) -> bool:
-        """Whether all relaxations converged, each slope is 1.9 or more (or the remainder rounding), and both errors are small:
-        1e-6 and, of the tangent, 1e-10."""
+        """Whether all relaxations converged, each slope is 1.9 or more (or the remainder rounding), `error` is below
+        1e-6 and `tangent_error` below 1e-10."""
         fine = (self.slopes >= 1.9) | (self.remainders[:-1] <= 10 * self.noise)
         return bool(self.converged & jnp.all(fine) & (self.error < 1e-6) & (self.tangent_error < 1e-10))
 
@@ -76,8 +76,8 @@ def taylor_test(
 ) -> TaylorReport:
     """Test the derivative of a problem's loss along a random direction.
 
-    The shell is relaxed anew at each step, from the equilibrium at hand. Steps are chosen as small as the rounding of the
-    loss allows, where the test is sharpest.
+    The shell is relaxed anew at each step, from the equilibrium at hand. Steps are chosen as small as the rounding of
+    the loss allows, where the test is sharpest.
 
     **Arguments:**
 
@@ -141,7 +141,7 @@ def _direction(values: dict[str, Array], rng: np.random.Generator) -> dict[str, 
 def _derivatives(
     design: Design, values: dict[str, Array], direction: dict[str, Array]
 ) -> tuple[Scalar, Scalar, Equilibrium]:
-    """The derivative of the loss along a direction, by adjoint and by tangent, from one relaxation; and where it ended."""
+    """The derivative of the loss along a direction, by adjoint and by tangent, and the equilibrium."""
 
     def loss(values):
         value, (_, equilibrium) = design.problem(values).objective()

@@ -1,4 +1,5 @@
-"""From elements to vectors and matrices: the unknowns of a scene, the sparsity of its Hessian, and where each element adds.
+"""From elements to vectors and matrices: the unknowns of a scene, the sparsity of its Hessian, and where each element
+adds.
 
 All of it depends on connectivity, terms and supports alone, and is found once, in numpy, when a problem is built.
 """
@@ -155,8 +156,8 @@ def _check_stencil(name: str, stencil: np.ndarray, mesh: Mesh) -> None:
     bad = np.flatnonzero(((stencil < 0) | (stencil >= mesh.n_vertices)).any(axis=1))
     if len(bad):
         raise ValueError(
-            f"{name}.stencil: element {bad[0]} names the vertices {stencil[bad[0]].tolist()}, but the mesh has the vertices "
-            f"0 to {mesh.n_vertices - 1}."
+            f"{name}.stencil: element {bad[0]} names the vertices {stencil[bad[0]].tolist()}, but the mesh has the "
+            f"vertices 0 to {mesh.n_vertices - 1}."
         )
 
 
@@ -227,7 +228,8 @@ def _entries(groups: list[np.ndarray], held: np.ndarray, n_vertices: int) -> tup
 
 
 def _corner_entries(face_entries: np.ndarray, dropped: int) -> np.ndarray:
-    """The non-zeros of the blocks over `CORNER_PAIRS`, index-last; the mirror image where the block lies below the diagonal."""
+    """The non-zeros of the blocks over `CORNER_PAIRS`, index-last; the mirror image where the block lies below the
+    diagonal."""
     corners = face_entries[:, :9, :9]
     upper = np.where(corners < dropped, corners, np.swapaxes(corners, 1, 2)).reshape(-1, 3, 3, 3, 3)
     blocks = np.stack([upper[:, p, :, q, :] for p, q in CORNER_PAIRS])
@@ -238,6 +240,7 @@ def _corner_entries(face_entries: np.ndarray, dropped: int) -> np.ndarray:
 
 
 def _node_pairs(nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """First and second node of all pairs within each element, and which of them are present and in the upper triangle."""
+    """First and second node of all pairs within each element, and which of them are present and in the upper
+    triangle."""
     a, b = np.broadcast_arrays(nodes[:, :, None], nodes[:, None, :])
     return a, b, (a >= 0) & (b >= 0) & (a <= b)

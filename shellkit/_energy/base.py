@@ -19,6 +19,10 @@ class AbstractEnergy(eqx.Module):
     def weighted_terms(self) -> Iterator[tuple[Array | None, "EnergyTerm | FormEnergy"]]:
         """The single terms of this energy, each with its weight (`None` for one)."""
 
+    @abc.abstractmethod
+    def at(self, progress: float | Scalar) -> "AbstractEnergy":
+        """This energy with a fraction `progress`, from 0 to 1, of its loads."""
+
     def __add__(self, other: "AbstractEnergy") -> "SumOfEnergies":
         if not isinstance(other, AbstractEnergy):
             return NotImplemented
@@ -37,6 +41,9 @@ class SumOfEnergies(AbstractEnergy):
 
     terms: tuple[AbstractEnergy, ...]
 
+    def at(self, progress: float | Scalar) -> "SumOfEnergies":
+        return SumOfEnergies(tuple(term.at(progress) for term in self.terms))
+
     def weighted_terms(self):
         for term in self.terms:
             yield from term.weighted_terms()
@@ -47,6 +54,9 @@ class ScaledEnergy(AbstractEnergy):
 
     term: AbstractEnergy
     weight: Scalar
+
+    def at(self, progress: float | Scalar) -> "ScaledEnergy":
+        return ScaledEnergy(self.term.at(progress), self.weight)
 
     def weighted_terms(self):
         for weight, term in self.term.weighted_terms():
@@ -83,7 +93,8 @@ class EnergyTerm(AbstractEnergy):
         """The vertices of each element, as indices; called once, when a problem is built."""
 
     def element_data(self, mesh: Mesh, rest: RestShape) -> PyTree[Array]:
-        """Data of the elements, arrays with a leading axis N, passed on to `element_energy`; called once a relaxation."""
+        """Data of the elements, arrays with a leading axis N, passed on to `element_energy`; called once a
+        relaxation."""
         return None
 
     @abc.abstractmethod
@@ -93,6 +104,10 @@ class EnergyTerm(AbstractEnergy):
     def check(self, mesh: Mesh) -> None:
         """Raise a `ValueError` if this term does not fit the mesh; called when a problem is built."""
 
+    def at(self, progress: float | Scalar) -> "AbstractEnergy":
+        """This term with a fraction of its load: itself, unless it is one."""
+        return self
+
     def weighted_terms(self):
         yield None, self
 
@@ -101,7 +116,8 @@ class FormEnergy(AbstractEnergy):
     """An energy of each face that is a function of its two fundamental forms: override only `density`.
 
     The kinematics, the forms with their first and second derivatives, are the library's own and written by hand; all
-    such terms of a sum share them. `form` is how the term measures curvature (see [`shellkit.second_form`][]), or `None` if
+    such terms of a sum share them. `form` is how the term measures curvature (see [`shellkit.second_form`][]), or
+    `None` if
     it depends on the metric alone: a sum of such terms couples the three vertices of a face and no others. With
     `directors="free"` each edge carries one more unknown, the angle by which its normal is turned.
     """
@@ -122,6 +138,10 @@ class FormEnergy(AbstractEnergy):
 
     def check(self, mesh: Mesh) -> None:
         """Raise a `ValueError` if this term does not fit the mesh; called when a problem is built."""
+
+    def at(self, progress: float | Scalar) -> "AbstractEnergy":
+        """This term with a fraction of its load: itself, unless it is one."""
+        return self
 
     def weighted_terms(self):
         yield None, self

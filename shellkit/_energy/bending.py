@@ -14,9 +14,11 @@ from .moduli import check_modulus, inverse, lame_halves, quadratic
 class Bending(FormEnergy):
     r"""Bending energy quadratic in the change of the curvature form.
 
-    $$E = \frac{h^3}{12} \sum_f A \left[\alpha\, \mathrm{tr}(K)^2 + 2\beta\, \mathrm{tr}(K^2)\right], \qquad K = g_r^{-1}(b - b_r).$$
+    $$E = \frac{h^3}{12} \sum_f A \left[\alpha\, \mathrm{tr}(K)^2 + 2\beta\, \mathrm{tr}(K^2)\right], \qquad K =
+    g_r^{-1}(b - b_r).$$
 
-    The bending stiffness of a plate is $D = h^3(\alpha+2\beta)/6$. With `directors="average"` the normal of an edge is the mean of
+    The bending stiffness of a plate is $D = h^3(\alpha+2\beta)/6$. With `directors="average"` the normal of an edge
+    is the mean of
     its faces' normals, as in the source; on general meshes that does not converge as the mesh is refined. With
     `directors="free"` the normal of each edge may turn about the edge, one more unknown an edge, and it does.
 
@@ -37,7 +39,8 @@ class Bending(FormEnergy):
         """**Arguments:**
 
         - `alpha`, `beta`: half the plane-stress Lamé pair, in units of pressure; one number or one a face.
-        - `form`: how a hinge angle enters the curvature: `"sin"` (the source's, which saturates, so that strong actuation can
+        - `form`: how a hinge angle enters the curvature: `"sin"` (the source's, which saturates, so that strong
+            actuation can
             fold a hinge flat), `"tan"` (which resists folding without bound) or `"theta"`.
         - `directors`: `"average"` or `"free"` edge normals.
         """
@@ -69,6 +72,7 @@ class Bending(FormEnergy):
         metric = components(rest.metric)
         det = determinant(metric)
         scale = rest.thickness**3 / 24 * jnp.sqrt(det)
+        assert rest.curvature is not None  # the problem measures it for every term with a form
         return components(rest.curvature), inverse(metric, det), scale * self.alpha, scale * self.beta
 
     def density(self, metric: Components, curvature: Components, data) -> Float[Array, " F"]:

@@ -16,7 +16,8 @@ from .faces import FaceEnergies
 class DiscreteEnergy(eqx.Module):
     """An energy bound to its mesh, rest shape and supports.
 
-    Calling it gives the energy at the vector `y` of free unknowns; `gradient` and `hessian` are the derivatives in `y`, the
+    Calling it gives the energy at the vector `y` of free unknowns; `gradient` and `hessian` are the derivatives in
+    `y`, the
     latter sparse. All three can be differentiated in whatever the parts were made from.
     """
 

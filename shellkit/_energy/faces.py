@@ -1,6 +1,7 @@
 """Energy, gradient and Hessian of all terms of a sum that are functions of the fundamental forms of a face.
 
-Each face has up to six intrinsic numbers, its squared edge lengths and half hinge angles. The terms are differentiated in
+Each face has up to six intrinsic numbers, its squared edge lengths and half hinge angles. The terms are
+differentiated in
 those by automatic differentiation, elementwise over all faces; the chain rule to positions is written by hand.
 """
 
@@ -31,11 +32,11 @@ class FaceEnergies(eqx.Module):
     def _density(self, squared_lengths: Float[Array, "3 F"], half_angles: Float[Array, "3 F"] | None):
         metric = metric_from_lengths(squared_lengths)
         curvature = None
-        if half_angles is not None:
+        if half_angles is not None and self.form is not None:
             # Heron's formula, sixteen times: the area as a function of the lengths, for the derivatives.
             twice_area = jnp.sqrt(metric[0] * metric[2] - metric[1] ** 2)
             curvature = curvature_from_angles(squared_lengths, twice_area, half_angles, self.form)
-        total = 0.0
+        total = jnp.zeros_like(squared_lengths[0])
         for weight, term, data in self.terms:
             density = term.density(metric, None if term.form is None else curvature, data)
             total = total + (density if weight is None else weight * density)
@@ -82,9 +83,11 @@ class FaceEnergies(eqx.Module):
     def hessian(
         self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None
     ) -> tuple[Float[Array, "F m m"], Float[Array, "6 3 3 F"]]:
-        """Second derivatives, as two sums over faces: of stiffness in the m unknowns, and of stress in the pairs of corners.
+        """Second derivatives, as two sums over faces: of stiffness in the m unknowns, and of stress in the pairs of
+        corners.
 
-        The corners come in the order of `CORNER_PAIRS`. The stress on a hinge is gathered from both its faces first, so the
+        The corners come in the order of `CORNER_PAIRS`. The stress on a hinge is gathered from both its faces first,
+        so the
         sums are exact and single elements are not.
         """
         triangles, hinges, numbers = self._intrinsic(vertices, directors)
@@ -123,5 +126,6 @@ def _second_derivatives(
 
 
 def _contract(a: Float[Array, "F k m"], b: Float[Array, "F k n"]) -> Float[Array, "F m n"]:
-    """a^T b, face by face. As a batched product it also keeps XLA from recomputing its operands for each of its outputs."""
+    """a^T b, face by face. As a batched product it also keeps XLA from recomputing its operands for each of its
+    outputs."""
     return jax.lax.dot_general(a, b, (((1,), (1,)), ((0,), (0,))))

@@ -2,7 +2,6 @@
 
 from typing import ClassVar
 
-import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -16,15 +15,18 @@ from .moduli import check_modulus, inverse, lame_halves, quadratic
 class StVenantKirchhoff(FormEnergy):
     r"""Stretching energy quadratic in the strain of the metric.
 
-    $$E = \frac h4 \sum_f A \left[\alpha\, \mathrm{tr}(M)^2 + 2\beta\, \mathrm{tr}(M^2)\right], \qquad M = g_r^{-1} g - 1,$$
+    $$E = \frac h4 \sum_f A \left[\alpha\, \mathrm{tr}(M)^2 + 2\beta\, \mathrm{tr}(M^2)\right], \qquad M = g_r^{-1} g
+    - 1,$$
 
-    with the rest area $A = \frac12\sqrt{\det g_r}$. For moderate strain; a face can be crushed to zero area at a finite cost,
+    with the rest area $A = \frac12\sqrt{\det g_r}$. For moderate strain; a face can be crushed to zero area at a
+    finite cost,
     for which [`shellkit.NeoHookean`][] is the better choice.
 
     ??? cite "Source"
 
         Koiter's shell energy in the discretisation of H.-Y. Chen et al., "Physical simulation of environmentally
-        induced thin shell deformation", ACM Trans. Graph. 37 (2018), equation 6. Their $\alpha$, $\beta$ as here; libshell's
+        induced thin shell deformation", ACM Trans. Graph. 37 (2018), equation 6. Their $\alpha$, $\beta$ as here;
+        libshell's
         convention gives half this energy at equal moduli.
     """
 
@@ -72,7 +74,8 @@ class NeoHookean(FormEnergy):
 
     ??? cite "Source"
 
-        The two-dimensional compressible density of the inverse-design tutorial of `triangulax`, with its own moduli 1, 1.
+        The two-dimensional compressible density of the inverse-design tutorial of `triangulax`, with its own moduli
+        1, 1.
     """
 
     bulk: Float[Array, "..."]

@@ -82,7 +82,7 @@ def mean_curvature(vertices: Float[Array, "V 3"], mesh: Mesh) -> Float[Array, " 
     r"""Mean curvature $H = (\kappa_1 + \kappa_2) / 2$ of each vertex, from the dihedral angles of the edges around it.
 
     $H_i = \frac{1}{4 A_i} \sum_{e \ni i} \theta_e \ell_e$: the mean curvature measure of Cohen-Steiner and Morvan
-    (2003), half of each edge's going to either end, over the areas of [`shellkit.voronoi_areas`][].
+    (2003), half of each edge's going to either end, over the areas of `voronoi_areas`.
 
     At a boundary vertex it lacks what lies beyond the boundary: do not read it there. Single values converge on regular
     triangulations only; on others, average them over a patch.
@@ -138,7 +138,7 @@ def angle_defects(vertices: Float[Array, "V 3"], mesh: Mesh) -> Float[Array, " V
 def gauss_curvature(vertices: Float[Array, "V 3"], mesh: Mesh) -> Float[Array, " V"]:
     r"""Gauss curvature $K = \kappa_1 \kappa_2$ of each vertex: its angle defect over its area.
 
-    Meyer, Desbrun, Schröder and Barr (2003), section 4, with the areas of [`shellkit.voronoi_areas`][]. Single values
+    Meyer, Desbrun, Schröder and Barr (2003), section 4, with the areas of `voronoi_areas`. Single values
     converge on regular triangulations only; on others, average them over a patch.
 
     **Arguments:**
@@ -149,7 +149,7 @@ def gauss_curvature(vertices: Float[Array, "V 3"], mesh: Mesh) -> Float[Array, "
     **Returns:**
 
     An array of shape `(V,)`, in the inverse square of the vertices' unit. Zero on the boundary, where an angle defect
-    says nothing about it (see [`shellkit.angle_defects`][]), and at a vertex without area.
+    says nothing about it (see `angle_defects`), and at a vertex without area.
     """
     defects = jnp.where(mesh.boundary_vertices, 0.0, angle_defects(vertices, mesh))
     return over(defects, voronoi_areas(vertices, mesh))

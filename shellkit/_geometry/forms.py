@@ -90,8 +90,10 @@ def second_form(
     r"""The curvature form of every face, in the basis u, v; a sphere with outward normals has b = +g.
 
     With $\omega_i$ the angle between the normal of the face and that of edge $i$, and $s_i = h_i \sin\omega_i$ with
-    the height $h_i$ over the edge, $b = 2 [[s_a + s_b, s_a], [s_a, s_a + s_c]]$. Without `directors`, $\omega_i$ is half the
-    hinge angle, and this is Chen et al., "Physical simulation of environmentally induced thin shell deformation" (ACM Trans.
+    the height $h_i$ over the edge, $b = 2 [[s_a + s_b, s_a], [s_a, s_a + s_c]]$. Without `directors`, $\omega_i$ is
+    half the
+    hinge angle, and this is Chen et al., "Physical simulation of environmentally induced thin shell deformation" (ACM
+    Trans.
     Graph. 37, 2018), section 4; `directors` turn the normal of each edge about the edge (Weischedel, "A discrete
     geometric view on shear-deformable shell models", 2012).
 

@@ -1,14 +1,17 @@
 """The patch of a face and its three neighbours: edge lengths, hinge angles, and their first and second derivatives.
 
-All arrays are index-last: (corner or edge, component, face). Edge i lies opposite corner i and runs from corner i + 1 to
+All arrays are index-last: (corner or edge, component, face). Edge i lies opposite corner i and runs from corner i + 1
+to
 corner i + 2. The derivatives are written by hand, from the motion of a unit normal and of a height:
 
-- with n the unit normal, h_i the height of corner i over edge i, and t_i the foot of that height along the edge, a hinge
+- with n the unit normal, h_i the height of corner i over edge i, and t_i the foot of that height along the edge, a
+    hinge
   angle has the gradient -n / h_i at corner i, and the opposite, shared out as 1 - t_i and t_i, at the ends of the edge;
   each of its two faces adds such a part;
 - its second derivative is the sum of one part a face, which involves that face's own corners only.
 
-Tamstorf and Grinspun, "Discrete bending forces and their Jacobians", Graphical Models 75 (2013), give an equivalent form.
+Tamstorf and Grinspun, "Discrete bending forces and their Jacobians", Graphical Models 75 (2013), give an equivalent
+form.
 """
 
 import equinox as eqx
@@ -91,7 +94,8 @@ class HingeGradients(eqx.Module):
         self.far_feet = dot(hinges.arms, triangles.edges) / triangles.squared_lengths
 
     def pull_back(self, stress: Float[Array, "3 F"]) -> tuple[Float[Array, "3 3 F"], ...]:
-        """Sum of `stress[i]` times the gradient of hinge angle i: at the tail and head of each edge, before and beyond it."""
+        """Sum of `stress[i]` times the gradient of hinge angle i: at the tail and head of each edge, before and
+        beyond it."""
         near, far = stress[:, None] * self.near, stress[:, None] * self.far
         head = self.near_feet[:, None] * near + self.far_feet[:, None] * far
         # The weights of a gradient sum to zero, so the tail takes what the others leave.
@@ -134,9 +138,11 @@ def length_curvature(stress: Float[Array, "3 F"]) -> Float[Array, "6 3 3 F"]:
 
 
 def hinge_curvature(triangles: Triangles, stress: Float[Array, "3 F"]) -> Float[Array, "6 3 3 F"]:
-    """Sum of `stress[i]` times this face's part of the second derivative of hinge angle i, as blocks over `CORNER_PAIRS`.
+    """Sum of `stress[i]` times this face's part of the second derivative of hinge angle i, as blocks over
+    `CORNER_PAIRS`.
 
-    With r the motion of corner i against its foot, e that of the edge vector, m = n x e the unit vector from the edge to
+    With r the motion of corner i against its foot, e that of the edge vector, m = n x e the unit vector from the edge
+    to
     the corner and l the edge length, the part is
     (m.r n.r' + n.r m.r') / h^2 + (e.r n.e' + n.e e.r') / (h l) + (m.e n.e' + n.e m.e') / (2 l^2),
     in which the two faces' last terms are symmetrised: their skew parts cancel. All of it is of the form v n^T + n v^T.

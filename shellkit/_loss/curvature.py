@@ -19,7 +19,7 @@ class MeanCurvature(LeastSquaresLoss):
     r"""Mean squared difference of the relaxed surface's mean curvature from a target.
 
     $\sum_i w_i (H_i - H^*_i)^2$ over the vertices off the boundary, with $H_i$ of [`shellkit.mean_curvature`][] and
-    $w_i$ their areas on the relaxed surface ([`shellkit.voronoi_areas`][]), summing to one; the gradient goes through
+    $w_i$ their areas on the relaxed surface (`voronoi_areas`), summing to one; the gradient goes through
     these. It jumps where a corner of a face passes 90°, and the loss itself where a hinge is folded to 180°.
 
     **Arguments:**
@@ -57,7 +57,7 @@ class GaussCurvature(LeastSquaresLoss):
     r"""Mean squared difference of the relaxed surface's Gauss curvature from a target.
 
     $\sum_i w_i (K_i - K^*_i)^2$ over the vertices off the boundary, with $K_i$ of [`shellkit.gauss_curvature`][] and
-    $w_i$ their areas on the relaxed surface ([`shellkit.voronoi_areas`][]), summing to one; the gradient goes through
+    $w_i$ their areas on the relaxed surface (`voronoi_areas`), summing to one; the gradient goes through
     these. It jumps where a corner of a face passes 90°.
 
     **Arguments:**

@@ -12,7 +12,8 @@ from .sizes import positive
 def icosphere(subdivisions: int, radius: float = 1.0) -> Mesh:
     """A sphere by repeated subdivision of an icosahedron: each face into four, the new vertices moved onto the sphere.
 
-    From the first subdivision on there is a vertex on each pole of the z axis.
+    From the first subdivision on there is a vertex on each pole of the z axis. Each face begins with its lowest
+    corner, so that angle 0 of a director field is a direction that rises.
 
     **Arguments:**
 
@@ -32,7 +33,8 @@ def icosphere(subdivisions: int, radius: float = 1.0) -> Mesh:
         fine = mesh.refine()
         points = np.asarray(fine.vertices)
         mesh = fine.with_vertices(points / np.linalg.norm(points, axis=1, keepdims=True))
-    return mesh.with_vertices(radius * np.asarray(mesh.vertices))
+    points, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    return Mesh(radius * points, _lowest_corner_first(points, faces))
 
 
 def sphere(target_edge_length: float, radius: float = 1.0) -> Mesh:
@@ -57,6 +59,15 @@ def sphere(target_edge_length: float, radius: float = 1.0) -> Mesh:
         points = pushed_apart(points, faces)
         points /= np.linalg.norm(points, axis=1, keepdims=True)
     return Mesh(radius * points, faces)
+
+
+def _lowest_corner_first(points, faces):
+    """The faces, each turned so that it begins with the corner of least z; of two such, with that of larger x."""
+    x, y, z = points.round(9).T
+    rank = np.empty(len(points), int)
+    rank[np.lexsort((-y, -x, z))] = np.arange(len(points))
+    first = np.argmin(rank[faces], axis=1)
+    return faces[np.arange(len(faces))[:, None], (first[:, None] + np.arange(3)) % 3]
 
 
 def _icosahedron():

@@ -29,7 +29,8 @@ def differentiable_minimum(
 
     $$\mathrm d y = -H(y)^{+}\, \partial_\theta \nabla E(y; \theta)\, \mathrm d\theta,$$
 
-    one solve, with the pseudo-inverse where some motions cost nothing. It can be differentiated forwards, backwards, and again.
+    one solve, with the pseudo-inverse where some motions cost nothing. It can be differentiated forwards, backwards,
+    and again.
 
     **Arguments:**
 
@@ -42,7 +43,8 @@ def differentiable_minimum(
 
     **Returns:**
 
-    `y`. Its derivatives are NaN where the linear system could not be solved, as for a singular Hessian: never a wrong number.
+    `y`. Its derivatives are NaN where the linear system could not be solved, as for a singular Hessian: never a wrong
+    number.
     """
     return _minimum(energy, *jax.lax.stop_gradient((y, factored)), motions, linear_solver)
 
@@ -54,7 +56,7 @@ def _minimum(energy, y, factored, motions, linear_solver):
 
 @_minimum.def_jvp
 def _(primals, tangents):
-    energy, y, factored, motions, linear_solver = primals
+    energy, _, factored, motions, linear_solver = primals
     tangent = tangents[0]
     still, moving = eqx.partition(energy, jax.tree.map(_is_none, tangent, is_leaf=_is_none), is_leaf=_is_none)
     # The minimum itself again, not y: so that this rule can be differentiated in its turn.
@@ -68,7 +70,8 @@ def _is_none(leaf: Any) -> bool:
 
 
 def _solve(energy, y, force, motions, linear_solver, factored) -> Float[Array, " n"]:
-    """H(y)^+ force, linear in the force; the Hessian enters through its products, so the result can be differentiated again."""
+    """H(y)^+ force, linear in the force; the Hessian enters through its products, so the result can be differentiated
+    again."""
     product = lambda direction: jax.jvp(energy.gradient, (y,), (direction,))[1]
     still, there = _stop(energy), jax.lax.stop_gradient(y)
     basis = None if motions is None else orthonormal(motions(there))

@@ -1,6 +1,7 @@
 """Motions that cost nothing: the null space of a Hessian that is known beforehand, and how to solve in spite of it.
 
-As many coordinates are held as there are free motions, which makes the matrix regular without changing the minimum; and the
+As many coordinates are held as there are free motions, which makes the matrix regular without changing the minimum;
+and the
 free motions are projected out of right-hand side and solution, which then is that of the pseudo-inverse.
 """
 

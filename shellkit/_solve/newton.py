@@ -62,9 +62,12 @@ class NewtonState(eqx.Module):
 class SparseNewton(optx.AbstractMinimiser):
     """Newton's method on the exact sparse Hessian, globalised so that it ends in a minimum or says why not.
 
-    Each step factorises H + sI, where the shift s is raised until the inertia of the factor shows no negative eigenvalue
-    and falls to zero near a minimum; takes the longest feasible step that lowers the energy; and, once close, adds cheap
-    corrections with the same factor. A saddle is left along a direction of negative curvature. Motions that cost nothing are
+    Each step factorises H + sI, where the shift s is raised until the inertia of the factor shows no negative
+    eigenvalue
+    and falls to zero near a minimum; takes the longest feasible step that lowers the energy; and, once close, adds
+    cheap
+    corrections with the same factor. A saddle is left along a direction of negative curvature. Motions that cost
+    nothing are
     held and projected out.
 
     It works on one flat vector and is told about the function through `options` of `optimistix.minimise`:
@@ -75,7 +78,8 @@ class SparseNewton(optx.AbstractMinimiser):
     - `options["motions"]`: `y -> ` motions that cost nothing, shape (n, k).
     - `options["length"]`: a typical length, such as that of an edge, against which steps are measured; 1 by default.
 
-    [`shellkit.InverseProblem`][] provides all of these. Not for functions whose Hessian is dense, and not for single precision.
+    [`shellkit.InverseProblem`][] provides all of these. Not for functions whose Hessian is dense, and not for single
+    precision.
 
     ??? cite "Source"
 
@@ -104,8 +108,8 @@ class SparseNewton(optx.AbstractMinimiser):
     def _scene(self, fn, args, options: dict[str, Any]) -> _Scene:
         if "hessian" not in options:
             raise ValueError(
-                'SparseNewton needs a sparse Hessian: pass options={"hessian": y -> operator} to optimistix.minimise, or use '
-                "an InverseProblem, which does; optimistix.BFGS and optimistix.NonlinearCG need none."
+                'SparseNewton needs a sparse Hessian: pass options={"hessian": y -> operator} to optimistix.minimise, '
+                "or use an InverseProblem, which does; optimistix.BFGS and optimistix.NonlinearCG need none."
             )
         value = lambda y: fn(y, args)[0]
         return _Scene(
@@ -159,13 +163,16 @@ class SparseNewton(optx.AbstractMinimiser):
         decayed = shift * jnp.where(tries > 1, 1.0, _SHIFT_DECAY)
         faded = jnp.where(decayed < _SMALLEST_SHIFT, 0.0, decayed)
         lost = stalled & ~escaped & ~settled
-        shift = jnp.where(lost, grown * _SHIFT_GROWTH, jnp.where(length < 0.2, grown, jnp.where(length > 0.5, faded, shift)))
+        shift = jnp.where(
+            lost, grown * _SHIFT_GROWTH, jnp.where(length < 0.2, grown, jnp.where(length > 0.5, faded, shift))
+        )
         stuck = (lost & (shift > _LARGEST_SHIFT)) | ~_usable(factor) | ~jnp.isfinite(moved.value)
         state = NewtonState(moved, shift, factor, held, state.factorisations + tries, settled, stuck & ~settled)
         return moved.y, state, None
 
     def _factorise(self, scene: _Scene, state: NewtonState, held) -> tuple[Factor, Scalar, Int[Array, ""]]:
-        """Factorise H + sI with the smallest shift s tried, from the last one up, that leaves no negative eigenvalue."""
+        """Factorise H + sI with the smallest shift s tried, from the last one up, that leaves no negative
+        eigenvalue."""
         hessian = scene.hessian(state.point.y)
         if held is not None:
             hessian = hold(hessian, held)
@@ -209,7 +216,8 @@ def solve_held(
 
 
 def _search(scene: _Scene, point: _Point, direction: Float[Array, " n"]) -> tuple[_Point, Scalar]:
-    """Halve the step until it is feasible and lowers the energy; the point reached and the length, zero if there is none.
+    """Halve the step until it is feasible and lowers the energy; the point reached and the length, zero if there is
+    none.
 
     Where the energy has no digits left to fall by, a smaller gradient decides.
     """
@@ -235,7 +243,8 @@ def _search(scene: _Scene, point: _Point, direction: Float[Array, " n"]) -> tupl
 
 
 def _polish(scene: _Scene, point: _Point, solve, rtol: float) -> tuple[_Point, Bool[Array, ""]]:
-    """Corrections with the factor at hand while they shrink the gradient fast; and whether the last was within tolerance."""
+    """Corrections with the factor at hand while they shrink the gradient fast; and whether the last was within
+    tolerance."""
 
     def correct(carry):
         point, _, _, count = carry
@@ -254,7 +263,8 @@ def _polish(scene: _Scene, point: _Point, solve, rtol: float) -> tuple[_Point, B
 
 
 def _escape(scene: _Scene, point: _Point, solve) -> tuple[_Point, Bool[Array, ""]]:
-    """Leave a saddle along its direction of most negative curvature, found by inverse iteration on the shifted factor."""
+    """Leave a saddle along its direction of most negative curvature, found by inverse iteration on the shifted
+    factor."""
     vector = jax.random.normal(jax.random.key(0), point.y.shape, point.y.dtype)
     refine = lambda _, v: (lambda w: w / jnp.max(jnp.abs(w)))(solve(v))
     vector = jax.lax.fori_loop(0, _INVERSE_ITERATIONS, refine, vector)

@@ -35,7 +35,8 @@ _BACKWARD_ERROR = 1e-13
 class Pardiso(AbstractDirectSolver):
     """Sparse LDLᵀ with Bunch–Kaufman pivoting by MKL PARDISO. The solver of choice on x86-64; reports the inertia.
 
-    It runs on one thread. On an idle machine and beyond some 10,000 vertices more are faster: set `MKL_NUM_THREADS` in the
+    It runs on one thread. On an idle machine and beyond some 10,000 vertices more are faster: set `MKL_NUM_THREADS`
+    in the
     environment.
 
     ??? cite "Reference"
@@ -77,7 +78,8 @@ _MKL_DOMAIN_PARDISO = 4
 def _library():
     """The library's calls, on one thread unless the environment says otherwise.
 
-    MKL's threads wait for each other in busy loops: on a machine that anything else runs on, two of them were up to seven
+    MKL's threads wait for each other in busy loops: on a machine that anything else runs on, two of them were up to
+    seven
     times slower than one at 642 vertices, and at best 1.5 times faster on an idle one.
     """
     from pardiso_mkl_jax import _mkl_loader, primitive

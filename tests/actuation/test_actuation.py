@@ -14,7 +14,9 @@ ANGLES = jnp.asarray(np.random.default_rng(0).uniform(0, np.pi, MESH.n_faces))
 
 def in_space(metric):
     """Metrics of faces as stretches in their orthonormal frames: eigenvalues of g0^-1 g."""
-    return np.sqrt(np.sort(np.linalg.eigvals(np.linalg.inv(np.asarray(REST.metric)) @ np.asarray(metric)).real, axis=-1))
+    return np.sqrt(
+        np.sort(np.linalg.eigvals(np.linalg.inv(np.asarray(REST.metric)) @ np.asarray(metric)).real, axis=-1)
+    )
 
 
 def test_nematic_stretches_along_its_director():
@@ -33,13 +35,17 @@ def test_nematic_stretches_along_its_director():
 def test_nematic_is_headless_and_trivial_at_one():
     assert jnp.allclose(sk.Nematic(ANGLES, 1.3)(REST).metric, sk.Nematic(ANGLES + jnp.pi, 1.3)(REST).metric, atol=1e-14)
     assert jnp.allclose(sk.Nematic(ANGLES, 1.0)(REST).metric, REST.metric, atol=1e-15)
-    assert jnp.allclose(sk.Nematic(ANGLES, 1 / 1.3)(REST).metric, sk.Nematic(ANGLES + jnp.pi / 2, 1.3)(REST).metric, atol=1e-14)
+    assert jnp.allclose(
+        sk.Nematic(ANGLES, 1 / 1.3)(REST).metric, sk.Nematic(ANGLES + jnp.pi / 2, 1.3)(REST).metric, atol=1e-14
+    )
 
 
 def test_growth():
     assert np.allclose(sk.IsotropicGrowth(1.2)(REST).metric, 1.44 * REST.metric, rtol=1e-14)
     per_face = jnp.linspace(0.8, 1.2, MESH.n_faces)
-    assert np.allclose(sk.IsotropicGrowth(per_face)(REST).metric, per_face[:, None, None] ** 2 * REST.metric, rtol=1e-14)
+    assert np.allclose(
+        sk.IsotropicGrowth(per_face)(REST).metric, per_face[:, None, None] ** 2 * REST.metric, rtol=1e-14
+    )
     assert np.allclose(in_space(sk.OrthotropicGrowth(ANGLES, 1.4, 0.9)(REST).metric), [0.9, 1.4], rtol=1e-12)
     assert jnp.allclose(sk.OrthotropicGrowth(ANGLES, 1.3, 1 / 1.3)(REST).metric, sk.Nematic(ANGLES, 1.3)(REST).metric)
 

@@ -32,7 +32,8 @@ def test_uniaxial_stress(material):
 
 
 def test_affine_strain_is_exact():
-    """Any affine map of a flat patch: h/4 (alpha tr(M)² + 2 beta tr(M²)) an area, M = FᵀF - 1, whatever the triangles."""
+    """Any affine map of a flat patch: h/4 (alpha tr(M)² + 2 beta tr(M²)) an area, M = FᵀF - 1, whatever the
+    triangles."""
     alpha, beta = 0.7, 1.1
     map_ = np.array([[1.2, 0.3], [-0.1, 0.8]])
     strain = map_.T @ map_ - np.eye(2)
@@ -43,12 +44,16 @@ def test_affine_strain_is_exact():
 
 def test_neo_hookean_matches_at_rest():
     """At rest both materials have one Hessian, for mu = 8 beta and K = 8 (alpha + beta)."""
-    a, b = (problem(m.from_young(YOUNG, POISSON)).hessian(PATCH.vertices).values for m in (sk.StVenantKirchhoff, sk.NeoHookean))
+    a, b = (
+        problem(m.from_young(YOUNG, POISSON)).hessian(PATCH.vertices).values
+        for m in (sk.StVenantKirchhoff, sk.NeoHookean)
+    )
     assert jnp.allclose(a, b, rtol=0, atol=1e-12 * jnp.abs(a).max())
 
 
 def test_scaled_sphere():
-    """A sphere scaled by rho with forms lambda² g0 and c b0: b scales as the length, so both terms are exact on the mesh."""
+    """A sphere scaled by rho with forms lambda² g0 and c b0: b scales as the length, so both terms are exact on the
+    mesh."""
     mesh = sk.meshes.icosphere(subdivisions=2)
     alpha, beta, h, stretch, rho = 0.6, 1.3, 0.2, 1.1, 1.25
     actuation = sk.IsotropicGrowth(stretch)

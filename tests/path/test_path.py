@@ -1,4 +1,4 @@
-"""A membrane sphere that shrinks, grows or is pushed apart at its poles: along a ramp, at once, and where it must adapt."""
+"""A membrane sphere that shrinks, grows or is pushed apart at its poles: along a ramp that adapts, and at once."""
 
 from typing import ClassVar
 
@@ -38,8 +38,8 @@ MEMBRANE = sk.StVenantKirchhoff(alpha=1.0, beta=1.0)
 
 
 def sphere(stretch=1.0, force=0.0):
-    """Relaxations are cut off after so few steps that a sphere can shrink at once but must grow little by little: its faces
-    come under pressure, which makes them unstable."""
+    """Relaxations are cut off after so few steps that a sphere can shrink at once but must grow little by little: its
+    faces come under pressure, which makes them unstable."""
     return sk.InverseProblem(
         mesh=MESH,
         thickness=0.1,
