@@ -40,7 +40,7 @@ def _benchmark(name: str, options: argparse.Namespace) -> bool:
             print(report.missing(row) or "done", flush=True)
             fine = fine and "failed" not in row
             rows = [known[other.label] for other in cases if other.label in known]
-            report.store(name, options.quick, rows, benchmark.page(rows))
+            report.store(name, options.quick, rows, benchmark.page)
     return fine
 
 

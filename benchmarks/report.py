@@ -2,7 +2,7 @@
 
 import json
 import statistics
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from .case import Row
@@ -23,12 +23,12 @@ def load(name: str, quick: bool = False) -> list[Row]:
     return json.loads(path.read_text())["rows"] if path.exists() else []
 
 
-def store(name: str, quick: bool, rows: list[Row], page: str) -> None:
+def store(name: str, quick: bool, rows: list[Row], page: Callable[[list[Row]], str]) -> None:
     """Write both files of a benchmark."""
     RESULTS.mkdir(exist_ok=True)
     record = {"benchmark": name, "machine": describe(), "rows": rows}
     path_of(name, quick, "json").write_text(json.dumps(record, indent=1, ensure_ascii=False) + "\n")
-    path_of(name, quick, "md").write_text(f"{page.strip()}\n\n{_conditions(rows)}\n")
+    path_of(name, quick, "md").write_text(f"{page(rows).strip()}\n\n{_conditions(rows)}\n")
 
 
 def table(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:

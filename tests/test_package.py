@@ -43,7 +43,7 @@ LAYERS = [
 ]
 
 # Methods that a base class answers for everybody, and that a class may answer better.
-REFINABLE = {"director_fields", "element_data", "residuals", "check", "sees_motion", "needs_shape", "at", "name", "director_fields"}
+REFINABLE = {"element_data", "residuals", "check", "sees_motion", "needs_shape", "at", "name", "director_fields"}
 
 
 def run(*command):
