@@ -34,11 +34,11 @@ class Case:
 
 
 def run(case: Case, threads: int, peer_python: str | None) -> Row:
-    """Run a case and return its record: label, arguments, conditions, and the worker's figures, or under `"skipped"` or
+    """Run a case and return its record: label, arguments (`"case"`), conditions, and the worker's figures, or under `"skipped"` or
     `"failed"` why there are none."""
     row: Row = {
         "label": case.label,
-        **case.arguments,
+        "case": case.arguments,
         "threads": case.threads or threads,
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "load": round(os.getloadavg()[0], 2),

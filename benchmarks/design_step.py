@@ -60,7 +60,11 @@ def page(rows: list[Row]) -> str:
     sections = []
     for mesh, scene in _SCENES.items():
         for field in _FIELDS:
-            here = {row["label"].split()[2]: row for row in rows if row["mesh"] == mesh and row["field"] == field}
+            here = {
+                row["label"].split()[2]: row
+                for row in rows
+                if row["case"]["mesh"] == mesh and row["case"]["field"] == field
+            }
             if here:
                 sections.append(f"### {scene.title}, director field {field}\n\n{_table(here)}")
     return "\n\n".join([_INTRODUCTION, *sections])
@@ -127,7 +131,7 @@ def _figures(row: Row, lowest: float) -> list[str]:
 
 def _beside(row: Row, ours: Row | None) -> list[str]:
     """How far shape and gradient are from shellkit's, and how much longer it took."""
-    if ours is None or "adjoint" not in row:
+    if ours is None or "adjoint" not in row["case"]:
         return ["", "", ""]
     slower = f"{report.three_digits(report.time(row) / report.time(ours))}"
     if not ours["converged"]:

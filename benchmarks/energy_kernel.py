@@ -29,7 +29,7 @@ def page(rows: list[Row]) -> str:
     head = ("", "vertices", "energy", "gradient", "Hessian", "all three", "µs a face", "fastest run")
     lines = []
     for row in rows:
-        title = _ENERGIES[row["energy"]]
+        title = _ENERGIES[row["case"]["energy"]]
         if reason := report.missing(row):
             lines.append([title, f"*{reason}*", *[""] * (len(head) - 2)])
             continue

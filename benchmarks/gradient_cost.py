@@ -40,13 +40,13 @@ def page(rows: list[Row]) -> str:
     lines = []
     for row in rows:
         if reason := report.missing(row):
-            lines.append([row["mesh"], f"*{reason}*", *[""] * (len(head) - 2)])
+            lines.append([row["case"]["mesh"], f"*{reason}*", *[""] * (len(head) - 2)])
             continue
         forward = report.time(row["forward"])
         extra = {name: report.time(row[name]) - forward for name in ("angles", "physics")}
         lines.append(
             [
-                row["mesh"],
+                row["case"]["mesh"],
                 f"{row['n_vertices']:,}",
                 report.span(row["forward"]),
                 report.seconds(extra["angles"]),

@@ -33,22 +33,22 @@ def _scaling(rows: list[Row]) -> plt.Figure:
         left.loglog(vertices, seconds, "k-o" if whole else "-o", label=name, lw=2.5 if whole else 1.5)
     left.set(xlabel="vertices", ylabel="seconds", title="time")
     left.legend(fontsize=7)
-    wholes = [row for row in rows if row["what"] == "relaxation" and not report.missing(row)]
+    wholes = [row for row in rows if row["case"]["what"] == "relaxation" and not report.missing(row)]
     right.loglog([row["n_vertices"] for row in wholes], [memory(row) for row in wholes], "k-o")
     right.set(xlabel="vertices", ylabel="MB", title="memory of a relaxation")
     return figure
 
 
 def _relaxation(rows: list[Row]) -> plt.Figure:
-    meshes = list(dict.fromkeys(row["mesh"] for row in rows if not report.missing(row)))
+    meshes = list(dict.fromkeys(row["case"]["mesh"] for row in rows if not report.missing(row)))
     figure, axes = plt.subplots(2, len(meshes), figsize=(3.2 * len(meshes), 5), squeeze=False, sharey="row")
     for column, mesh in zip(axes.T, meshes, strict=True):
         for row in rows:
-            if row["mesh"] != mesh or report.missing(row):
+            if row["case"]["mesh"] != mesh or report.missing(row):
                 continue
             seconds = [point["seconds"] for point in row["trace"]]
             for axis, quantity in zip(column, ("force", "distance"), strict=True):
-                axis.loglog(seconds, [point[quantity] for point in row["trace"]], ".-", label=row["minimiser"])
+                axis.loglog(seconds, [point[quantity] for point in row["trace"]], ".-", label=row["case"]["minimiser"])
         column[0].set_title(SCENES[mesh].name)
         column[1].set_xlabel("seconds")
     axes[0, 0].set_ylabel("|∇E|")

@@ -47,7 +47,7 @@ def cases(quick: bool) -> list[Case]:
 def page(rows: list[Row]) -> str:
     sections = []
     for mesh, scene in SCENES.items():
-        here = [row for row in rows if row["mesh"] == mesh]
+        here = [row for row in rows if row["case"]["mesh"] == mesh]
         if here:
             sections.append(f"### {scene.name}, {scene.details}\n\n{_table(here)}")
     return "\n\n".join([_INTRODUCTION, *sections])
@@ -66,14 +66,14 @@ def _table(rows: list[Row]) -> str:
     lines = []
     for row in rows:
         if reason := report.missing(row):
-            lines.append([row["minimiser"], f"*{reason}*", *[""] * (len(head) - 2)])
+            lines.append([row["case"]["minimiser"], f"*{reason}*", *[""] * (len(head) - 2)])
             continue
         trace = row["trace"]
         best = min(trace, key=lambda point: point["force"])
         reached = [next((point for point in trace if point["force"] < bound), None) for bound in _FORCES]
         lines.append(
             [
-                row["minimiser"],
+                row["case"]["minimiser"],
                 *(report.seconds(point["seconds"]) if point else "never" for point in reached),
                 report.small(best["force"]),
                 report.small(best["distance"]),

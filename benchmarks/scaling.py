@@ -72,7 +72,7 @@ def page(rows: list[Row]) -> str:
 
 
 def _done(rows: list[Row], what: str) -> list[Row]:
-    return [row for row in rows if row["what"] == what and not report.missing(row)]
+    return [row for row in rows if row["case"]["what"] == what and not report.missing(row)]
 
 
 def _line(

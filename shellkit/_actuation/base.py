@@ -65,6 +65,26 @@ class SheetActuation(Actuation):
     def __call__(self, rest: RestShape) -> RestShape:
         return RestShape(self.actuated_metric(rest.metric), rest.curvature, rest.thickness)
 
+    def at(self, progress: float | Float[Array, ""]) -> "SheetActuation":
+        """This sheet, gone through by a fraction `progress`: by default its metric is interpolated."""
+        return PartialSheet(self, progress)
+
+
+class PartialSheet(SheetActuation):
+    """A sheet of whose actuation a fraction has happened: metric interpolated between rest and actuated."""
+
+    whole: SheetActuation
+    progress: float | Float[Array, ""]
+
+    def actuated_metric(self, metric: Float[Array, "F 2 2"]) -> Float[Array, "F 2 2"]:
+        return metric + self.progress * (self.whole.actuated_metric(metric) - metric)
+
+    def director_fields(self) -> tuple[Float[Array, " F"], ...]:
+        return self.whole.director_fields()
+
+    def check(self, mesh: Mesh) -> None:
+        self.whole.check(mesh)
+
 
 class Passive(SheetActuation):
     """No actuation: the rest shape stays what it is."""

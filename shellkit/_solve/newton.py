@@ -93,7 +93,7 @@ class SparseNewton(optx.AbstractMinimiser):
     atol: float = 0.0
     norm: Callable[[PyTree], Scalar] = optx.max_norm
 
-    def __init__(self, rtol: float = 1e-9, max_steps: int = 256, linear_solver: AbstractSparseSolver | None = None):
+    def __init__(self, rtol: float = 1e-11, max_steps: int = 256, linear_solver: AbstractSparseSolver | None = None):
         """**Arguments:**
 
         - `rtol`: the relaxation ends when a full Newton step moves no unknown by more than this fraction of the typical

@@ -89,6 +89,17 @@ def test_ramp_starts_at_rest_and_ends_at_the_whole(actuation):
         assert jnp.allclose(found.curvature, expected.curvature, atol=1e-13)
 
 
+def test_own_sheet_in_a_bilayer_ramps():
+    class Crumple(sk.SheetActuation):
+        """A user's own sheet."""
+
+        def actuated_metric(self, metric):
+            return 0.81 * metric
+
+    half = sk.Bilayer(Crumple(), sk.Passive()).at(0.5)(REST)
+    assert jnp.allclose(half.metric, (0.5 * (1 + 0.81) + 1) / 2 * REST.metric)
+
+
 def test_director_fields():
     assert len(sk.Bilayer(sk.Nematic(ANGLES, 1.1), sk.OrthotropicGrowth(ANGLES, 1.1, 1.0)).director_fields()) == 2
     assert sk.Passive().director_fields() == ()

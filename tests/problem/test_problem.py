@@ -81,15 +81,6 @@ def test_other_minimisers_reach_the_same_state():
         assert bool(equilibrium.stable)
 
 
-def test_gradient_through_another_minimiser():
-    at = lambda p: p.actuation.top.angle
-    gradients = [
-        at(eqx.filter_grad(lambda p: p.evaluate()[0])(random_problem(solver=solver)))
-        for solver in (sk.SparseNewton(), optx.BFGS(rtol=1e-10, atol=1e-10))
-    ]
-    assert jnp.allclose(*gradients, rtol=1e-5, atol=1e-5 * jnp.abs(gradients[0]).max())
-
-
 @pytest.mark.parametrize(
     "where",
     [
