@@ -34,8 +34,8 @@ class Case:
 
 
 def run(case: Case, threads: int, peer_python: str | None) -> Row:
-    """Run a case and return its record: label, arguments (`"case"`), conditions, and the worker's figures, or under `"skipped"` or
-    `"failed"` why there are none."""
+    """Run a case and return its record: label, arguments (`"case"`), conditions, and the worker's figures, or under
+    `"skipped"` or `"failed"` why there are none."""
     row: Row = {
         "label": case.label,
         "case": case.arguments,
