@@ -38,13 +38,16 @@ from ._design import Bounds as Bounds
 from ._equilibrium import Equilibrium as Equilibrium, RESULTS as RESULTS
 from ._fit import fit as fit
 from ._geometry.curvature import (
+    angle_defects as angle_defects,
     dihedral_angles as dihedral_angles,
     gauss_curvature as gauss_curvature,
     mean_curvature as mean_curvature,
+    voronoi_areas as voronoi_areas,
 )
 from ._geometry.directors import director_angles as director_angles, directors as directors
 from ._geometry.forms import first_form as first_form, second_form as second_form
 from ._geometry.surface import (
+    edge_lengths as edge_lengths,
     enclosed_volume as enclosed_volume,
     face_areas as face_areas,
     face_frames as face_frames,
@@ -64,8 +67,10 @@ from ._loss import (
     MeanCurvature as MeanCurvature,
     Sphericity as Sphericity,
     StrainLimit as StrainLimit,
+    SumOfLosses as SumOfLosses,
     VertexDistance as VertexDistance,
     Volume as Volume,
+    WeightedLoss as WeightedLoss,
 )
 from ._mesh.mesh import Mesh as Mesh
 from ._path import Path as Path, Ramp as Ramp, follow as follow, relax as relax
