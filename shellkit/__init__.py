@@ -36,6 +36,12 @@ from ._energy import (
 )
 from ._design import Bounds as Bounds
 from ._equilibrium import Equilibrium as Equilibrium, RESULTS as RESULTS
+from ._fabrication import (
+    export_directors as export_directors,
+    export_streamlines as export_streamlines,
+    streamlines as streamlines,
+    thicken as thicken,
+)
 from ._fit import fit as fit
 from ._geometry.curvature import (
     angle_defects as angle_defects,

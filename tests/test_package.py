@@ -32,14 +32,14 @@ LAYERS = [
     {"_actuation", "_energy"},
     {"_equilibrium", "_symmetries"},
     {"_loss"},
-    {"_problem"},
+    {"_problem", "_director_layers"},
     {"_design"},
     {"_path", "_analysis", "_fingerprint", "_history"},
     {"_checkpoint", "_progress"},
     {"_fit_step"},
     {"_fit_loop"},
     {"_fit"},
-    {"_plot"},
+    {"_plot", "_fabrication"},
 ]
 
 # Methods that a base class answers for everybody, and that a class may answer better.

@@ -10,11 +10,12 @@ import numpy as np
 from jaxtyping import ArrayLike
 
 from .._align import Aligner
+from .._director_layers import Directors
 from .._history import FitResult
 from .fields import Field, field_from, field_names, field_of
 from .opengl import has_display, require_opengl
 from .scene import draw
-from .shapes import Directors, Drawable, Shape, Target, shapes_of
+from .shapes import Drawable, Shape, Target, shapes_of
 
 
 if TYPE_CHECKING:

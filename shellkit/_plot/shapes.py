@@ -1,15 +1,14 @@
 """What there is to draw: each panel of a picture shows one shape, and this is where meshes, equilibria, problems and
 fits become shapes."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
-from .._actuation import Actuation
 from .._align import Aligner, Kabsch, NoAlignment
+from .._director_layers import Directors, director_layers
 from .._equilibrium import Equilibrium
 from .._history import FitResult
 from .._loss import Loss, SumOfLosses, VertexDistance, WeightedLoss
@@ -18,7 +17,6 @@ from .._problem import InverseProblem
 
 
 Drawable = Mesh | Equilibrium | InverseProblem | FitResult
-Directors = bool | Actuation | ArrayLike | Sequence | None
 Target = Mesh | Equilibrium | InverseProblem | ArrayLike | None
 
 
@@ -55,10 +53,14 @@ def surface(shape: Shape):
 def shapes_of(thing: Drawable, directors: Directors, target: Target, aligner: Aligner | None) -> list[Shape]:
     """The shapes that show a thing; more than one for a fit."""
     if isinstance(thing, Mesh):
-        shape = Shape(thing, np.asarray(thing.vertices), layers=_layers(thing, None, directors))
+        shape = Shape(thing, np.asarray(thing.vertices), layers=director_layers("plot", thing, None, directors))
         return [_with_target(shape, _target_of(target, thing), aligner)]
     if isinstance(thing, Equilibrium):
-        return [_relaxed(thing, _layers(thing.mesh, None, directors), _target_of(target, thing.mesh), aligner)]
+        return [
+            _relaxed(
+                thing, director_layers("plot", thing.mesh, None, directors), _target_of(target, thing.mesh), aligner
+            )
+        ]
     if isinstance(thing, InverseProblem):
         shape = _at_rest(thing, directors)
         return [_with_target(shape, _target_of(target, thing.mesh), aligner)]
@@ -90,7 +92,7 @@ def _fit_shapes(result: FitResult, directors: Directors, target: Target, aligner
 
 def _at_rest(problem: InverseProblem, directors: Directors) -> Shape:
     mesh = problem.mesh
-    return Shape(mesh, np.asarray(mesh.vertices), layers=_layers(mesh, problem.actuation, directors))
+    return Shape(mesh, np.asarray(mesh.vertices), layers=director_layers("plot", mesh, problem.actuation, directors))
 
 
 def _relaxed(
@@ -122,7 +124,7 @@ def _target_of(target: Target, mesh: Mesh) -> Shape | None:
     if isinstance(target, Equilibrium):
         return Shape(target.mesh, np.asarray(target.vertices), equilibrium=target)
     if isinstance(target, InverseProblem):
-        return _relaxed(target(), _layers(target.mesh, target.actuation, True), None, None)
+        return _relaxed(target(), director_layers("plot", target.mesh, target.actuation, True), None, None)
     points = np.asarray(target, dtype=float)
     if points.shape != mesh.vertices.shape:
         raise ValueError(
@@ -140,23 +142,3 @@ def _wanted(loss: Loss) -> VertexDistance | None:
         return _wanted(loss.term)
     terms = loss.terms if isinstance(loss, SumOfLosses) else ()
     return next((found for found in map(_wanted, terms) if found is not None), None)
-
-
-def _layers(mesh: Mesh, actuation: Actuation | None, directors: Directors) -> tuple[np.ndarray, ...]:
-    """The angles of each layer: those asked for, or with `True` those that the actuation has."""
-    if directors is None or directors is False:
-        return ()
-    if directors is True:
-        fields = () if actuation is None else actuation.director_fields()
-    elif isinstance(directors, Actuation):
-        fields = directors.director_fields()
-    else:
-        fields = directors if isinstance(directors, (list, tuple)) and np.ndim(directors[0]) else [directors]
-    layers = tuple(np.asarray(field, dtype=float) for field in fields)
-    for layer in layers:
-        if layer.shape != (mesh.n_faces,):
-            raise ValueError(
-                f"plot: directors has a layer of shape {layer.shape}; give one angle a face, shape ({mesh.n_faces},), "
-                "or a list of such layers."
-            )
-    return layers
