@@ -4,6 +4,7 @@ values."""
 
 import abc
 from collections.abc import Sequence
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -11,6 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float, Int, Scalar
+
+from ._papers import KABSCH_1976, UMEYAMA_1991
 
 
 class Motion(eqx.Module):
@@ -45,6 +48,9 @@ class Aligner(eqx.Module):
     A subclass gives [`shellkit.Aligner.motion`][]; calling the aligner applies that motion. Gradients flow through
     the motion, with respect to both point sets, forwards, backwards and to any order.
     """
+
+    papers: ClassVar[tuple[str, ...]] = ()
+    """What to cite for it, as BibTeX; see [`shellkit.InverseProblem.citation`][]."""
 
     @property
     @abc.abstractmethod
@@ -114,6 +120,7 @@ class Kabsch(Aligner):
         ```
     """
 
+    papers: ClassVar[tuple[str, ...]] = (KABSCH_1976,)
     weights: Float[Array, " n"] | None
 
     def __init__(self, weights: ArrayLike | Sequence | None = None):
@@ -156,6 +163,7 @@ class Similarity(Aligner):
         ```
     """
 
+    papers: ClassVar[tuple[str, ...]] = (UMEYAMA_1991,)
     weights: Float[Array, " n"] | None
 
     def __init__(self, weights: ArrayLike | Sequence | None = None):

@@ -1,5 +1,7 @@
 """The inverse problem: a surface, what actuates it, what deformation costs, and what shape is wanted."""
 
+from typing import ClassVar
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -10,12 +12,14 @@ from jaxtyping import Array, Float, Scalar
 
 from ._actuation import Actuation, Passive
 from ._align import Kabsch
+from ._citation import citation
 from ._energy import AbstractEnergy, Assembly, DiscreteEnergy, FormEnergy
 from ._equilibrium import RESULTS, Equilibrium
 from ._geometry.forms import CurvatureForm
 from ._geometry.patches import Hinges, Triangles
 from ._loss import Loss
 from ._mesh.mesh import Mesh
+from ._papers import BRADBURY_2018, KIDGER_2021, RADER_2024
 from ._precision import require_x64
 from ._rest import RestShape
 from ._solve.adjoint import differentiable_minimum
@@ -55,6 +59,7 @@ class InverseProblem(eqx.Module):
         ```
     """
 
+    papers: ClassVar[tuple[str, ...]] = (BRADBURY_2018, KIDGER_2021, RADER_2024)
     mesh: Mesh
     thickness: Float[Array, "..."]
     actuation: Actuation
@@ -259,6 +264,19 @@ class InverseProblem(eqx.Module):
             result=RESULTS.successful,
             worst_hinge=None,
         )
+
+    def citation(self) -> str:
+        """The papers behind the parts in use, as BibTeX: print it. Each part names its own in its class attribute
+        `papers`, and so may yours.
+
+        ??? example
+
+            ```python
+            class MyEnergy(sk.EnergyTerm):
+                papers = ("@article{me2026mine, author = {…}, title = {…}, year = {2026}}",)
+            ```
+        """
+        return citation(self)
 
     def at(self, progress: float | Scalar) -> "InverseProblem":
         """This problem with a fraction `progress` (0 to 1) of its actuation and loads; see [`shellkit.relax`][]."""

@@ -25,7 +25,7 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 # A part may import itself and the parts of lower rows, never one of its own row or above.
 LAYERS = [
-    {"_precision"},
+    {"_precision", "_papers", "_citation"},
     {"_mesh", "_solve", "_align"},
     {"meshes", "_geometry"},
     {"_rest"},

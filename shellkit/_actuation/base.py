@@ -1,6 +1,7 @@
 """What an actuation is: a map from the rest shape of a sheet to the one that it would like to have."""
 
 import abc
+from typing import ClassVar
 
 import equinox as eqx
 import jax
@@ -18,6 +19,9 @@ class Actuation(eqx.Module):
     Any array of an actuation can be trained. Nothing is assumed of how it is made, except that it maps a
     [`shellkit.RestShape`][] to another with the same faces.
     """
+
+    papers: ClassVar[tuple[str, ...]] = ()
+    """What to cite for it, as BibTeX; see [`shellkit.InverseProblem.citation`][]."""
 
     @abc.abstractmethod
     def __call__(self, rest: RestShape) -> RestShape:

@@ -1,9 +1,12 @@
 """Two sheets glued together: their mean stretches the shell, and their difference bends it."""
 
+from typing import ClassVar
+
 import equinox as eqx
 from jaxtyping import Array, Float
 
 from .._mesh.mesh import Mesh
+from .._papers import VAN_REES_2017
 from .._rest import RestShape
 from .base import Actuation, SheetActuation
 
@@ -21,6 +24,7 @@ class Bilayer(Actuation):
         11597.
     """
 
+    papers: ClassVar[tuple[str, ...]] = (VAN_REES_2017,)
     top: SheetActuation
     bottom: SheetActuation
 

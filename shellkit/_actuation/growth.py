@@ -1,5 +1,7 @@
 """Sheets that grow or swell, and rest shapes prescribed outright."""
 
+from typing import ClassVar
+
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
@@ -7,14 +9,22 @@ from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from .._mesh.mesh import Mesh
+from .._papers import EFRATI_2009
 from .._rest import RestShape
 from .base import Actuation, SheetActuation, check_per_face
 from .frames import stretched_metric
 
 
 class IsotropicGrowth(SheetActuation):
-    """Growth by the same stretch in every direction: metric times stretch squared, curvature form unchanged."""
+    """Growth by the same stretch in every direction: metric times stretch squared, curvature form unchanged.
 
+    ??? cite "Source"
+
+        E. Efrati, E. Sharon and R. Kupferman, "Elastic theory of unconstrained non-Euclidean plates", Journal of the
+        Mechanics and Physics of Solids 57 (2009), 762.
+    """
+
+    papers: ClassVar[tuple[str, ...]] = (EFRATI_2009,)
     stretch: Float[Array, "..."]
 
     def __init__(self, stretch: float | Array):
@@ -37,8 +47,15 @@ class IsotropicGrowth(SheetActuation):
 
 class OrthotropicGrowth(SheetActuation):
     """Growth by different stretches along a direction in each face and across it, such as of fibres that do not
-    swell."""
+    swell.
 
+    ??? cite "Source"
+
+        E. Efrati, E. Sharon and R. Kupferman, "Elastic theory of unconstrained non-Euclidean plates", Journal of the
+        Mechanics and Physics of Solids 57 (2009), 762.
+    """
+
+    papers: ClassVar[tuple[str, ...]] = (EFRATI_2009,)
     angle: Float[Array, " F"]
     along: Float[Array, "..."]
     across: Float[Array, "..."]
@@ -71,8 +88,15 @@ class OrthotropicGrowth(SheetActuation):
 
 
 class Prescribed(Actuation):
-    """Rest forms given outright, in the edge basis of each face; what is `None` stays as the mesh has it."""
+    """Rest forms given outright, in the edge basis of each face; what is `None` stays as the mesh has it.
 
+    ??? cite "Source"
+
+        E. Efrati, E. Sharon and R. Kupferman, "Elastic theory of unconstrained non-Euclidean plates", Journal of the
+        Mechanics and Physics of Solids 57 (2009), 762.
+    """
+
+    papers: ClassVar[tuple[str, ...]] = (EFRATI_2009,)
     metric: Float[Array, "F 2 2"] | None
     curvature: Float[Array, "F 2 2"] | None
 

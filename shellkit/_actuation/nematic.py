@@ -1,10 +1,13 @@
 """A sheet of liquid-crystal elastomer: it stretches along its director and shrinks across it, at constant area."""
 
+from typing import ClassVar
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._mesh.mesh import Mesh
+from .._papers import AHARONI_2014
 from .base import SheetActuation, check_per_face
 from .frames import stretched_metric
 
@@ -25,6 +28,7 @@ class Nematic(SheetActuation):
         (2014), 257801; the discrete form is that of `triangulax`.
     """
 
+    papers: ClassVar[tuple[str, ...]] = (AHARONI_2014,)
     angle: Float[Array, " F"]
     stretch: Float[Array, "..."]
 

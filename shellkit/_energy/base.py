@@ -2,6 +2,7 @@
 
 import abc
 from collections.abc import Iterator
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -14,6 +15,9 @@ from .._rest import RestShape
 
 class AbstractEnergy(eqx.Module):
     """Anything that adds to the energy of a shell; energies add and scale: `a + 2.0 * b`."""
+
+    papers: ClassVar[tuple[str, ...]] = ()
+    """What to cite for it, as BibTeX; see [`shellkit.InverseProblem.citation`][]."""
 
     @abc.abstractmethod
     def weighted_terms(self) -> Iterator[tuple[Array | None, "EnergyTerm | FormEnergy"]]:

@@ -1,11 +1,14 @@
 """Bending energies: of the curvature form of each face, and of the dihedral angle of each edge."""
 
+from typing import ClassVar
+
 import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
 from .._geometry.forms import BEND, Components, CurvatureForm, components, determinant
 from .._mesh.mesh import Mesh
+from .._papers import CHEN_2018, GRINSPUN_2003, WEISCHEDEL_2012
 from .._rest import RestShape
 from .base import EnergyTerm, FormEnergy
 from .moduli import check_modulus, inverse, lame_halves, quadratic
@@ -64,6 +67,11 @@ class Bending(FormEnergy):
         """From Young's modulus and Poisson's ratio: alpha = E nu / (2 (1 - nu²)), beta = E / (4 (1 + nu))."""
         return cls(*lame_halves(young, poisson), form=form, directors=directors)
 
+    @property
+    def papers(self) -> tuple[str, ...]:
+        """What to cite for it; more with free edge normals."""
+        return (CHEN_2018,) if self.directors == "average" else (CHEN_2018, WEISCHEDEL_2012)
+
     def check(self, mesh: Mesh) -> None:
         check_modulus("Bending", "alpha", self.alpha, mesh)
         check_modulus("Bending", "beta", self.beta, mesh)
@@ -94,6 +102,7 @@ class DihedralBending(EnergyTerm):
         E. Grinspun et al., "Discrete shells", SCA 2003, equation 2, up to the factor in the area.
     """
 
+    papers: ClassVar[tuple[str, ...]] = (GRINSPUN_2003,)
     stiffness: Float[Array, ""]
     rest_angles: Float[Array, " E"] | None
 

@@ -7,6 +7,7 @@ from jaxtyping import Array, Float
 
 from .._geometry.forms import Components, components, determinant
 from .._mesh.mesh import Mesh
+from .._papers import CHEN_2018, CLAUSSEN
 from .._rest import RestShape
 from .base import FormEnergy
 from .moduli import check_modulus, inverse, lame_halves, quadratic
@@ -30,6 +31,7 @@ class StVenantKirchhoff(FormEnergy):
         convention gives half this energy at equal moduli.
     """
 
+    papers: ClassVar[tuple[str, ...]] = (CHEN_2018,)
     alpha: Float[Array, "..."]
     beta: Float[Array, "..."]
     form: ClassVar[None] = None
@@ -78,6 +80,7 @@ class NeoHookean(FormEnergy):
         1, 1.
     """
 
+    papers: ClassVar[tuple[str, ...]] = (CLAUSSEN,)
     bulk: Float[Array, "..."]
     shear: Float[Array, "..."]
     form: ClassVar[None] = None

@@ -4,6 +4,7 @@ it stands below the problem and knows nothing of how the equilibrium was found."
 import abc
 from collections import Counter
 from collections.abc import Iterable
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -24,6 +25,9 @@ class Loss(eqx.Module):
     use. The other methods are answers that may be given more sharply: which shapes fit (`check`), whether a rigid
     motion changes the value (`sees_motion`), whether the relaxed shape is looked at (`needs_shape`).
     """
+
+    papers: ClassVar[tuple[str, ...]] = ()
+    """What to cite for it, as BibTeX; see [`shellkit.InverseProblem.citation`][]."""
 
     @abc.abstractmethod
     def __call__(self, equilibrium: Equilibrium, actuation: Actuation) -> Scalar:

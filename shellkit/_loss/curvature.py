@@ -1,6 +1,7 @@
 """Losses on the curvature of the relaxed surface, against a constant or a value for each vertex."""
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -12,6 +13,7 @@ from .._equilibrium import Equilibrium
 from .._geometry.curvature import gauss_curvature, mean_curvature, voronoi_areas
 from .._geometry.rowwise import root
 from .._mesh.mesh import Mesh
+from .._papers import COHEN_STEINER_2003, MEYER_2003
 from .base import LeastSquaresLoss
 
 
@@ -36,6 +38,7 @@ class MeanCurvature(LeastSquaresLoss):
     `ValueError` for a target that is not finite or of another shape; when checked, for one of another mesh.
     """
 
+    papers: ClassVar[tuple[str, ...]] = (COHEN_STEINER_2003, MEYER_2003)
     target: Float[Array, " *V"]
 
     def __init__(self, target: ArrayLike | Sequence):
@@ -74,6 +77,7 @@ class GaussCurvature(LeastSquaresLoss):
     `ValueError` for a target that is not finite or of another shape; when checked, for one of another mesh.
     """
 
+    papers: ClassVar[tuple[str, ...]] = (MEYER_2003,)
     target: Float[Array, " *V"]
 
     def __init__(self, target: ArrayLike | Sequence):

@@ -1,5 +1,7 @@
 """Losses that ask for no shape but keep a design sane: smooth director fields, and no folds."""
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -11,6 +13,7 @@ from .._geometry.directors import directors
 from .._geometry.rowwise import over, root
 from .._geometry.surface import edge_lengths, face_areas
 from .._mesh.mesh import Mesh
+from .._papers import GRINSPUN_2003
 from .base import LeastSquaresLoss
 
 
@@ -85,6 +88,8 @@ class FoldPenalty(LeastSquaresLoss):
         }
         ```
     """
+
+    papers: ClassVar[tuple[str, ...]] = (GRINSPUN_2003,)
 
     def residuals(self, equilibrium: Equilibrium, actuation: Actuation) -> Float[Array, " m"]:
         vertices, mesh = equilibrium.vertices, equilibrium.mesh

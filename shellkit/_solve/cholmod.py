@@ -6,12 +6,14 @@ goes straight to the solution, so no factor can be mistaken for another. It rais
 definite, which nothing inside a compiled function can catch; the factorisation is therefore called from the host."""
 
 import functools
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._papers import CHEN_2008
 from .direct import AbstractDirectSolver, Factor, check_rhs, guarded, identity_unless, require_float64
 from .operator import SparseSymmetric
 
@@ -24,6 +26,8 @@ class Cholmod(AbstractDirectSolver):
         Y. Chen, T. A. Davis, W. W. Hager, S. Rajamanickam, *Algorithm 887: CHOLMOD, supernodal sparse Cholesky
         factorization and update/downdate*, ACM Transactions on Mathematical Software 35 (2008) 22.
     """
+
+    papers: ClassVar[tuple[str, ...]] = (CHEN_2008,)
 
     def factorise(self, operator: SparseSymmetric) -> Factor:
         require_float64("CHOLMOD", operator.values)

@@ -4,7 +4,7 @@ They are lineax solvers. A Newton method uses the two steps apart: it reads the 
 it."""
 
 from abc import abstractmethod
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -39,6 +39,9 @@ class AbstractSparseSolver(lx.AbstractLinearSolver[Factor]):
     Pass it to `lineax.linear_solve` for a differentiable solution; a factor at hand goes in as `state`. Or call
     `factorise` and `solve`, which carry no derivatives.
     """
+
+    papers: ClassVar[tuple[str, ...]] = ()
+    """What to cite for it, as BibTeX; see [`shellkit.InverseProblem.citation`][]."""
 
     @abstractmethod
     def factorise(self, operator: SparseSymmetric) -> Factor:

@@ -1,7 +1,7 @@
 """Preconditioned conjugate gradients: for a GPU, or a platform without a direct solver, or a matrix near a factorised
 one."""
 
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import lineax as lx
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
+from .._papers import HESTENES_1952
 from .direct import AbstractDirectSolver, AbstractSparseSolver, Factor, check_rhs, require_float64
 from .operator import SparseSymmetric, symmetric_product
 
@@ -40,6 +41,7 @@ class ConjugateGradients(AbstractSparseSolver):
         the National Bureau of Standards 49 (1952) 409–436.
     """
 
+    papers: ClassVar[tuple[str, ...]] = (HESTENES_1952,)
     rtol: float = 1e-10
     """Converged when the residual is below this much of the right-hand side, in the Euclidean norm."""
     atol: float = 0.0

@@ -1,7 +1,7 @@
 """Newton's method with a sparse direct factorisation, globalised, as an optimistix minimiser."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int, PyTree, Scalar
 
+from .._papers import NOCEDAL_2006
 from .choose import default_direct_solver
 from .direct import AbstractSparseSolver, Factor
 from .motions import coordinates_to_hold, hold, orthonormal, project_out
@@ -87,6 +88,7 @@ class SparseNewton(optx.AbstractMinimiser):
         with a factorisation that reports the inertia (section 3.4).
     """
 
+    papers: ClassVar[tuple[str, ...]] = (NOCEDAL_2006,)
     rtol: float
     max_steps: int = eqx.field(static=True)
     linear_solver: AbstractSparseSolver

@@ -10,12 +10,14 @@ import functools
 import hashlib
 import os
 from collections.abc import Mapping
+from typing import ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .._papers import SCHENK_2004
 from .direct import AbstractDirectSolver, Factor, check_rhs, guarded, require_float64
 from .operator import SparseSymmetric, symmetric_product
 from .pattern import SymmetricPattern
@@ -44,6 +46,7 @@ class Pardiso(AbstractDirectSolver):
         Computer Systems 20 (2004) 475–487.
     """
 
+    papers: ClassVar[tuple[str, ...]] = (SCHENK_2004,)
     options: tuple[tuple[int, int], ...] = eqx.field(static=True)
 
     def __init__(self, options: Mapping[int, int] | None = None):

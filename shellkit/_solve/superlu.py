@@ -6,13 +6,14 @@ again."""
 
 import itertools
 from collections import OrderedDict
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from .._papers import DEMMEL_1999
 from .direct import AbstractDirectSolver, Factor, check_rhs, guarded, require_float64
 from .operator import SparseSymmetric
 
@@ -28,6 +29,8 @@ class SuperLU(AbstractDirectSolver):
         J. W. Demmel, S. C. Eisenstat, J. R. Gilbert, X. S. Li, J. W. H. Liu, *A supernodal approach to sparse partial
         pivoting*, SIAM Journal on Matrix Analysis and Applications 20 (1999) 720–755.
     """
+
+    papers: ClassVar[tuple[str, ...]] = (DEMMEL_1999,)
 
     def factorise(self, operator: SparseSymmetric) -> Factor:
         require_float64("SuperLU", operator.values)
