@@ -28,11 +28,19 @@ from ._analysis import (
 from ._checkpoint import load_checkpoint as load_checkpoint
 from ._energy import (
     Bending as Bending,
+    DeadLoad as DeadLoad,
     DihedralBending as DihedralBending,
+    EdgeLoad as EdgeLoad,
+    EdgeMoment as EdgeMoment,
     EnergyTerm as EnergyTerm,
     FormEnergy as FormEnergy,
+    Foundation as Foundation,
+    Gravity as Gravity,
     NeoHookean as NeoHookean,
+    PointLoad as PointLoad,
+    Pressure as Pressure,
     StVenantKirchhoff as StVenantKirchhoff,
+    SurfaceLoad as SurfaceLoad,
 )
 from ._design import Bounds as Bounds
 from ._equilibrium import Equilibrium as Equilibrium, RESULTS as RESULTS
@@ -90,3 +98,10 @@ from ._solve.newton import SparseNewton as SparseNewton
 from ._solve.operator import SparseSymmetric as SparseSymmetric
 from ._solve.pardiso import Pardiso as Pardiso
 from ._solve.superlu import SuperLU as SuperLU
+from ._supports import (
+    Clamped as Clamped,
+    Pinned as Pinned,
+    Sliding as Sliding,
+    Supports as Supports,
+    Symmetry as Symmetry,
+)

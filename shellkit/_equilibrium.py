@@ -25,9 +25,8 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]  # an E
 class Equilibrium(eqx.Module):
     """A shape at which the energy is stationary, or as near as the relaxation came.
 
-    `vertices` (and `directors`, the angles by which edge normals are turned, where the energy has them) are
-    differentiable in
-    all arrays of the problem; the diagnostics are not.
+    `vertices` (and `directors`, the angles by which edge normals are turned, where the energy has them, and
+    `reactions`, where something is held) are differentiable in all arrays of the problem; the diagnostics are not.
     """
 
     mesh: Mesh
@@ -38,6 +37,9 @@ class Equilibrium(eqx.Module):
     """Positions at equilibrium, in the unit of the mesh."""
     directors: Float[Array, " E"] | None
     """Angles by which edge normals are turned, in radians; `None` unless directors are free."""
+    reactions: Float[Array, "V 3"] | None
+    """Forces by which supports act on the shell, in units of pressure times area; `None` where nothing is held. They
+    balance the loads."""
     energy: Scalar
     """In units of pressure times volume."""
     gradient_norm: Scalar

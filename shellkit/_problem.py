@@ -27,6 +27,7 @@ from ._solve.choose import default_direct_solver
 from ._solve.motions import coordinates_to_hold, hold, orthonormal
 from ._solve.newton import NewtonState, SparseNewton
 from ._solve.operator import SparseSymmetric
+from ._supports import Supports
 from ._symmetries import FreeMotions, free_motions
 
 
@@ -39,9 +40,8 @@ class InverseProblem(eqx.Module):
     """A shell, its actuation, its energy and the loss of its equilibrium.
 
     Calling it relaxes the shell and returns the [`shellkit.Equilibrium`][]; `evaluate` goes on to the loss. Both are
-    functions of
-    every array in the problem, and can be differentiated in any of them, forwards and backwards, by one solve with
-    the factor that the relaxation leaves.
+    functions of every array in the problem, and can be differentiated in any of them, forwards and backwards, by one
+    solve with the factor that the relaxation leaves.
 
     ??? example
 
@@ -64,6 +64,7 @@ class InverseProblem(eqx.Module):
     thickness: Float[Array, "..."]
     actuation: Actuation
     energy: AbstractEnergy
+    supports: Supports | None
     loss: Loss | None
     solver: optx.AbstractMinimiser
     max_steps: int | None = eqx.field(static=True)
@@ -79,6 +80,7 @@ class InverseProblem(eqx.Module):
         loss: Loss | None = None,
         solver: optx.AbstractMinimiser | None = None,
         max_steps: int | None = None,
+        supports: Supports | None = None,
     ):
         """**Arguments:**
 
@@ -89,6 +91,8 @@ class InverseProblem(eqx.Module):
         - `loss`: what is wanted of the equilibrium; only `evaluate` needs it.
         - `solver`: any minimiser of optimistix; by default [`shellkit.SparseNewton`][].
         - `max_steps`: of the minimiser; by default its own limit, or 10,000 for one that has none.
+        - `supports`: what is held, such as [`shellkit.Clamped`][]; by default nothing. Which vertices they hold, and in
+            which directions, is settled here; where they hold them can be changed and trained.
 
         **Raises:**
 
@@ -98,34 +102,47 @@ class InverseProblem(eqx.Module):
         self.mesh = mesh
         self.thickness = _checked_thickness(thickness, mesh)
         self.actuation = Passive() if actuation is None else actuation
-        self.energy = energy
+        self.supports = None if supports is None else supports.on(mesh)
         self.loss = loss
         self.solver = SparseNewton() if solver is None else solver
         self.max_steps = max_steps
         self.actuation.check(mesh)
-        terms = [term for _, term in energy.weighted_terms()]
-        for term in terms:
+        for _, term in energy.weighted_terms():
             term.check(mesh)
-        _check_one_curvature(terms)
+        self.energy = energy.on(mesh)
+        _check_one_curvature([term for _, term in energy.weighted_terms()])
+        if self.supports is not None:
+            self.supports.check(mesh)
         if loss is not None:
             loss.check(mesh, self.actuation)
-        self.assembly = Assembly.of(energy, mesh)
-        self.motions = free_motions(energy, mesh, self.rest_shape(), self.assembly)
+        self.assembly = Assembly.of(self.energy, mesh, self.supports)
+        self.motions = free_motions(self.energy, mesh, self.rest_shape(), self.assembly, self.supports)
 
     def rest_shape(self) -> RestShape:
         """The rest shape under actuation."""
         terms = (term for _, term in self.energy.weighted_terms())
         forms: list[CurvatureForm] = [t.form for t in terms if isinstance(t, FormEnergy) and t.form is not None]
-        rest = RestShape.of(self.mesh, self.thickness, forms[0] if forms else None)
+        beyond = None if self.supports is None or not forms else self.supports.at(0.0).continuation(self.mesh)
+        rest = RestShape.of(self.mesh, self.thickness, forms[0] if forms else None, beyond)
         return self.actuation(rest)
 
     def discrete_energy(self) -> DiscreteEnergy:
         """The energy as a function of the vector of free unknowns, with its gradient and sparse Hessian."""
-        held = self.assembly.join(self.mesh.vertices, None)
-        return DiscreteEnergy(self.energy, self.mesh, self.rest_shape(), self.assembly, held)
+        held, beyond = self.mesh.vertices, None
+        if self.supports is not None:
+            held, beyond = self.supports.held_positions(self.mesh), self.supports.continuation(self.mesh)
+        held = self.assembly.join(held, None)
+        return DiscreteEnergy(self.energy, self.mesh, self.rest_shape(), self.assembly, held, beyond)
+
+    def rigid_motions(self) -> FreeMotions | None:
+        """The rigid motions that cost nothing, with the supports where they are now; `None` if there is none."""
+        if self.motions is None or self.supports is None:
+            return self.motions
+        held = self.assembly.join(self.supports.held_positions(self.mesh), None)
+        return eqx.tree_at(lambda motions: motions.held, self.motions, held)
 
     def total_energy(self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None = None) -> Scalar:
-        """The energy of any shape, without relaxing it.
+        """The energy of any shape, without relaxing it; held vertices are taken to be where their supports hold them.
 
         **Arguments:**
 
@@ -137,7 +154,8 @@ class InverseProblem(eqx.Module):
     def hessian(self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None = None) -> SparseSymmetric:
         """The Hessian of the energy at any shape, a sparse lineax operator that acts on fields like `vertices`.
 
-        Where directors are free it acts on pairs `(vertices, directors)`.
+        Where directors are free it acts on pairs `(vertices, directors)`; where supports hold something, on the flat
+        vector of the unknowns that are left.
         """
         energy = self.discrete_energy()
         y = self.assembly.restrict(self.assembly.join(vertices, directors))
@@ -166,7 +184,7 @@ class InverseProblem(eqx.Module):
         else:
             unknowns = self.assembly.join(start.vertices, start.directors)
         y0 = jax.lax.stop_gradient(self.assembly.restrict(unknowns))
-        motions = None if self.motions is None else _stop(self.motions)
+        motions = _stop(self.rigid_motions())
         solution = optx.minimise(
             lambda y, _: still(y),
             self.solver,
@@ -186,12 +204,16 @@ class InverseProblem(eqx.Module):
         factored = (solution.state.factor, solution.state.held) if newton else None
         y = differentiable_minimum(energy, solution.value, motions, linear_solver, factored)
         vertices, directors = energy.state(y)
+        reactions = None
+        if self.assembly.free is not None:
+            held = energy.full_gradient(y).at[self.assembly.free].set(0.0)
+            reactions, _ = self.assembly.split(held)
         if motions is not None and motions.all_rigid:
             # The pose is that nearest to the start: no net translation or rotation of the displacement.
             vertices = Kabsch()(vertices, self.mesh.vertices)
-        return self._report(still, solution, vertices, directors, motions, linear_solver)
+        return self._report(still, solution, vertices, directors, reactions, motions, linear_solver)
 
-    def _report(self, energy, solution, vertices, directors, motions, linear_solver) -> Equilibrium:
+    def _report(self, energy, solution, vertices, directors, reactions, motions, linear_solver) -> Equilibrium:
         y = solution.value
         gradient = energy.gradient(y)
         converged = solution.result == optx.RESULTS.successful
@@ -217,6 +239,7 @@ class InverseProblem(eqx.Module):
             rest=self.rest_shape(),
             vertices=vertices,
             directors=directors,
+            reactions=reactions,
             energy=energy(y),
             gradient_norm=jnp.linalg.norm(gradient),
             steps=solution.stats["num_steps"],
@@ -255,6 +278,7 @@ class InverseProblem(eqx.Module):
             rest=self.rest_shape(),
             vertices=self.mesh.vertices,
             directors=None,
+            reactions=None,
             energy=zero,
             gradient_norm=zero,
             steps=none,
@@ -279,9 +303,11 @@ class InverseProblem(eqx.Module):
         return citation(self)
 
     def at(self, progress: float | Scalar) -> "InverseProblem":
-        """This problem with a fraction `progress` (0 to 1) of its actuation and loads; see [`shellkit.relax`][]."""
-        parts = (self.actuation.at(progress), self.energy.at(progress))
-        return eqx.tree_at(lambda p: (p.actuation, p.energy), self, parts)
+        """This problem with a fraction `progress` (0 to 1) of its actuation, loads and prescribed motion; see
+        [`shellkit.relax`][]."""
+        supports = None if self.supports is None else self.supports.at(progress)
+        parts = (self.actuation.at(progress), self.energy.at(progress), supports)
+        return eqx.tree_at(lambda p: (p.actuation, p.energy, p.supports), self, parts, is_leaf=lambda x: x is None)
 
     def _step_limit(self) -> int:
         if self.max_steps is not None:

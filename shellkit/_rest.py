@@ -4,7 +4,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from ._geometry.forms import CurvatureForm, first_form, second_form
+from ._geometry.forms import CurvatureForm, curvature_from_angles, first_form, half_angles, matrices
+from ._geometry.patches import Continuation, Triangles
 from ._mesh.mesh import Mesh
 
 
@@ -21,7 +22,11 @@ class RestShape(eqx.Module):
 
     @classmethod
     def of(
-        cls, mesh: Mesh, thickness: Float[Array, ""] | Float[Array, " F"], form: CurvatureForm | None
+        cls,
+        mesh: Mesh,
+        thickness: Float[Array, ""] | Float[Array, " F"],
+        form: CurvatureForm | None,
+        continuation: Continuation | None = None,
     ) -> "RestShape":
         """The rest shape that a mesh has as it stands.
 
@@ -30,6 +35,11 @@ class RestShape(eqx.Module):
         - `mesh`: the surface at rest.
         - `thickness`: of the shell, one value or one a face, in the unit of the mesh.
         - `form`: how the curvature is measured, see [`shellkit.second_form`][]; `None` for no curvature.
+        - `continuation`: how the surface at rest goes on beyond edges whose normal is held.
         """
-        curvature = None if form is None else second_form(mesh.vertices, mesh, form)
+        curvature = None
+        if form is not None:
+            faces = Triangles(mesh.vertices, mesh)
+            angles = half_angles(mesh.vertices, mesh, faces, None, continuation)
+            curvature = matrices(curvature_from_angles(faces.squared_lengths, faces.twice_area, angles, form))
         return cls(first_form(mesh.vertices, mesh), curvature, jnp.broadcast_to(thickness, (mesh.n_faces,)))

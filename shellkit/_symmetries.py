@@ -4,11 +4,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from ._energy import AbstractEnergy, Assembly, DiscreteEnergy, EnergyTerm
 from ._mesh.mesh import Mesh
 from ._rest import RestShape
+from ._supports import Supports
 
 
 _TOLERANCE = 1e-9
@@ -16,19 +17,43 @@ _SAMPLES = 3
 
 
 class FreeMotions(eqx.Module):
-    """A space of rigid motions about a fixed centre, as fields on the free unknowns of a scene."""
+    """A space of rigid motions about a fixed centre, as fields on the free unknowns of a scene.
+
+    Which combinations of the six motions leave the supports alone changes as the shell slides on them: they are found
+    anew from where it is.
+    """
 
     centre: Float[Array, " 3"]
-    coefficients: Float[Array, "6 k"]
+    hindrances: Float[Array, "m 6"]  # those by terms of the energy: no motion of the space has a part in them
+    units: Float[Array, " 6"]
     assembly: Assembly
-    all_rigid: bool = eqx.field(static=True)
+    held: Float[Array, " N"] | None  # where unknowns are held; None if none is
+    count: int = eqx.field(static=True)
 
     def __call__(self, y: Float[Array, " n"]) -> Float[Array, "n k"]:
         """The motions at free unknowns `y`, one a column. Held unknowns are in none of them."""
-        vertices, _ = self.assembly.split(self.assembly.extend(y, jnp.zeros(self.assembly.size, y.dtype)))
-        fields = rigid_fields(vertices - self.centre) @ self.coefficients
-        still = jnp.zeros((self.assembly.n_directors, fields.shape[1]), y.dtype)
-        return jax.vmap(self.assembly.restrict, in_axes=1, out_axes=1)(jnp.concatenate([fields, still]))
+        held = jnp.zeros(self.assembly.size, y.dtype) if self.held is None else self.held
+        vertices, _ = self.assembly.split(self.assembly.extend(y, held))
+        fields = _fields(self.assembly, vertices - self.centre) * self.units
+        rows = self.hindrances
+        if self.held is not None:
+            at_supports = fields.at[self.assembly.free].set(0.0)
+            rows = jnp.concatenate([rows, at_supports])
+        if self.count < 6:
+            # Eigenvalues ascend: the first motions are those that nothing hinders.
+            fields = fields @ jnp.linalg.eigh(rows.T @ rows)[1][:, : self.count]
+        return jax.vmap(self.assembly.restrict, in_axes=1, out_axes=1)(fields)
+
+    @property
+    def all_rigid(self) -> bool:
+        """Whether all six motions are free."""
+        return self.count == 6
+
+
+def _fields(assembly: Assembly, arms: Float[Array, "V 3"]) -> Float[Array, "N 6"]:
+    """The six motions as fields on all unknowns."""
+    fields = rigid_fields(arms).reshape(*arms.shape, 6)
+    return jax.vmap(lambda field: assembly.join(field, None), in_axes=2, out_axes=1)(fields)
 
 
 def rigid_fields(arms: Float[Array, "V 3"]) -> Float[Array, "V*3 6"]:
@@ -45,39 +70,39 @@ def free_motions(
     mesh: Mesh,
     rest: RestShape,
     assembly: Assembly,
-    held: Bool[np.ndarray, " N"] | None = None,
+    supports: Supports | None = None,
 ) -> FreeMotions | None:
     """The rigid motions that no support hinders and no term resists, or `None` if there is none.
 
     Functions of the fundamental forms resist none. Other terms are asked: a motion is free if their gradient does no
     work on it at several generic shapes.
     """
-    centre = jnp.mean(mesh.vertices, axis=0)
-    hindrances = []
-    if held is not None:
-        fields = np.asarray(rigid_fields(mesh.vertices - centre))
-        hindrances.append(fields[held[: len(fields)]])
+    centre, units = jnp.mean(mesh.vertices, axis=0), _units(mesh)
     own = [term for _, term in energy.weighted_terms() if isinstance(term, EnergyTerm)]
-    if own:
-        hindrances.append(_work_on_motions(own, mesh, rest, centre))
-    coefficients = np.eye(6)
-    if hindrances:
-        rows = np.concatenate(hindrances) * _units(mesh, centre)
-        _, sizes, motions = np.linalg.svd(rows)
-        rank = int(np.count_nonzero(sizes > _TOLERANCE * max(sizes.max(initial=0.0), 1e-300)))
-        coefficients = motions[rank:].T * _units(mesh, centre)[:, None]
-    if coefficients.shape[1] == 0:
+    hindrances = _work_on_motions(own, mesh, rest, centre, units) if own else np.zeros((0, 6))
+    rows, held = hindrances, None
+    if supports is not None:
+        # What is held in a line or a plane at rest may leave it on the way.
+        positions = [supports.at(0.0).held_positions(mesh), supports.held_positions(mesh)]
+        fields = [np.asarray(_fields(assembly, x - centre)) * units for x in positions]
+        rows = np.concatenate([rows, *(field[assembly.is_held] for field in fields)])
+        held = assembly.join(positions[1], None)
+    sizes = np.linalg.svd(rows, compute_uv=False) if len(rows) else np.zeros(0)
+    count = 6 - int(np.count_nonzero(sizes > _TOLERANCE * max(sizes.max(initial=0.0), 1e-300)))
+    if count == 0:
         return None
-    return FreeMotions(centre, jnp.asarray(coefficients), assembly, coefficients.shape[1] == 6)
+    return FreeMotions(centre, jnp.asarray(hindrances), jnp.asarray(units), assembly, held, count)
 
 
-def _units(mesh: Mesh, centre: Array) -> np.ndarray:
+def _units(mesh: Mesh) -> np.ndarray:
     """What makes rotations comparable with translations: the size of the mesh."""
-    size = float(jnp.max(jnp.abs(mesh.vertices - centre)))
+    size = float(jnp.max(jnp.ptp(mesh.vertices, axis=0)))
     return np.array([1.0, 1.0, 1.0, 1 / size, 1 / size, 1 / size])
 
 
-def _work_on_motions(terms: list[EnergyTerm], mesh: Mesh, rest: RestShape, centre: Array) -> np.ndarray:
+def _work_on_motions(
+    terms: list[EnergyTerm], mesh: Mesh, rest: RestShape, centre: Array, units: np.ndarray
+) -> np.ndarray:
     """Work of each term's gradient on the six motions, at generic shapes, relative to the size of its forces."""
     rng = np.random.default_rng(0)
     scale = float(jnp.max(jnp.abs(mesh.vertices - centre)))
@@ -88,13 +113,7 @@ def _work_on_motions(terms: list[EnergyTerm], mesh: Mesh, rest: RestShape, centr
         for _ in range(_SAMPLES):
             shape = mesh.vertices + 0.05 * scale * rng.normal(size=mesh.vertices.shape)
             force = np.asarray(gradient(shape.reshape(-1)))
-            work = force @ np.asarray(rigid_fields(shape - centre))
-            effort = np.abs(force).sum() * _effort(scale)
-            rows.append(
-                np.where(np.abs(work) > _TOLERANCE * np.maximum(effort, 1e-300), work / np.maximum(effort, 1e-300), 0.0)
-            )
+            work = force @ np.asarray(rigid_fields(shape - centre)) * units
+            work = work / max(np.abs(force).sum(), 1e-300)
+            rows.append(np.where(np.abs(work) > _TOLERANCE, work, 0.0))
     return np.array(rows)
-
-
-def _effort(scale: float) -> np.ndarray:
-    return np.array([1.0, 1.0, 1.0, scale, scale, scale])

@@ -28,7 +28,7 @@ LAYERS = [
     {"_precision", "_papers", "_citation"},
     {"_mesh", "_solve", "_align"},
     {"meshes", "_geometry"},
-    {"_rest"},
+    {"_rest", "_supports"},
     {"_actuation", "_energy"},
     {"_equilibrium", "_symmetries"},
     {"_loss"},
@@ -43,7 +43,18 @@ LAYERS = [
 ]
 
 # Methods that a base class answers for everybody, and that a class may answer better.
-REFINABLE = {"element_data", "residuals", "check", "sees_motion", "needs_shape", "at", "name", "director_fields"}
+REFINABLE = {
+    "element_data",
+    "director_moments",
+    "residuals",
+    "check",
+    "sees_motion",
+    "needs_shape",
+    "at",
+    "on",
+    "name",
+    "director_fields",
+}
 
 
 def run(*command):

@@ -124,7 +124,7 @@ def _check_count(problem: InverseProblem, count: int) -> None:
     free, massive = problem.assembly.free, 3 * problem.mesh.n_vertices
     available = massive if free is None else int(np.count_nonzero(np.asarray(free) < massive))
     if problem.motions is not None:
-        available -= problem.motions.coefficients.shape[1]
+        available -= problem.motions.count
     if not 1 <= count <= available // 2:
         raise ValueError(
             f"vibration_modes: count={count}, but it must be between 1 and {available // 2}, half the number of modes; "
@@ -162,8 +162,9 @@ def _pencil(problem: InverseProblem, vertices: Float[Array, "V 3"], directors: F
     areas = vertex_areas(mesh.vertices, mesh)
     mass = assembly.restrict(jnp.concatenate([jnp.repeat(areas, 3), jnp.zeros(assembly.n_directors)]))
     rigid = None
-    if problem.motions is not None:
-        fields = problem.motions(y)
+    motions = problem.rigid_motions()
+    if motions is not None:
+        fields = motions(y)
         gram = fields.T @ (mass[:, None] * fields)
         rigid = jax.scipy.linalg.solve_triangular(jnp.linalg.cholesky(gram), fields.T, lower=True)
     diagonal = jnp.abs(stiffness.values[stiffness.pattern.diagonal])

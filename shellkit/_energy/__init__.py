@@ -19,5 +19,13 @@ from .base import (
 from .bending import Bending as Bending
 from .bending import DihedralBending as DihedralBending
 from .discrete import DiscreteEnergy as DiscreteEnergy
+from .followers import EdgeMoment as EdgeMoment
+from .followers import Pressure as Pressure
+from .foundation import Foundation as Foundation
+from .loads import DeadLoad as DeadLoad
+from .loads import EdgeLoad as EdgeLoad
+from .loads import Gravity as Gravity
+from .loads import PointLoad as PointLoad
+from .loads import SurfaceLoad as SurfaceLoad
 from .stretching import NeoHookean as NeoHookean
 from .stretching import StVenantKirchhoff as StVenantKirchhoff

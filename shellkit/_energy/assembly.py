@@ -14,35 +14,39 @@ from .._geometry.patches import CORNER_PAIRS
 from .._mesh.mesh import Mesh
 from .._solve.operator import SparseSymmetric
 from .._solve.pattern import SymmetricPattern
+from .._supports.base import Supports
 from .base import AbstractEnergy, EnergyTerm, FormEnergy
+from .frames import Frames
 
 
 class Assembly(eqx.Module):
     """Numbering and sparsity of one scene.
 
-    Unknowns are the three coordinates of every vertex, then one director angle an edge where directors are free; held
-    ones are left out. Entries of the index arrays beyond the last row or non-zero are dropped when they are added.
+    Unknowns are the three coordinates of every vertex, in a frame of its own where it is held in oblique directions,
+    then one director angle an edge where directors are free; held ones are left out. Entries of the index arrays beyond
+    the last row or non-zero are dropped when they are added.
     """
 
     free: Int[Array, " n"] | None  # the unknowns that are not held; None if all are free
+    frames: Frames | None
     pattern: SymmetricPattern
     stencils: tuple[Int[Array, "_ _"], ...]
     face_unknowns: Int[Array, "m F"] | None
     face_entries: Int[Array, "F m m"] | None
     corner_entries: Int[Array, "6 3 3 F"] | None
-    element_entries: tuple[Int[Array, "_ _ 3 _ 3"], ...]
+    element_entries: tuple[Int[Array, "_ _ 3 _ 3"] | None, ...]  # None for a term that is linear
     n_vertices: int = eqx.field(static=True)
     n_directors: int = eqx.field(static=True)
 
     @classmethod
-    def of(cls, energy: AbstractEnergy, mesh: Mesh, held: Bool[np.ndarray, " N"] | None = None) -> "Assembly":
+    def of(cls, energy: AbstractEnergy, mesh: Mesh, supports: Supports | None = None) -> "Assembly":
         """Number the unknowns of an energy on a mesh.
 
         **Arguments:**
 
         - `energy`: the sum of terms.
         - `mesh`: the surface.
-        - `held`: which of the unknowns are held; `None` for none.
+        - `supports`: what is held, spelled out for the mesh; `None` for nothing.
         """
         terms = [term for _, term in energy.weighted_terms()]
         face_terms = [term for term in terms if isinstance(term, FormEnergy)]
@@ -59,28 +63,42 @@ class Assembly(eqx.Module):
             if directors:
                 parts.append(mesh.n_vertices + np.asarray(mesh.face_edges))
             face_nodes = np.hstack(parts)
-        stencils = [np.asarray(term.stencil(mesh)) for term in terms if isinstance(term, EnergyTerm)]
-        for term, stencil in zip((t for t in terms if isinstance(t, EnergyTerm)), stencils, strict=True):
+        own = [term for term in terms if isinstance(term, EnergyTerm)]
+        stencils = [np.asarray(term.stencil(mesh)) for term in own]
+        for term, stencil in zip(own, stencils, strict=True):
             _check_stencil(type(term).__name__, stencil, mesh)
 
-        groups = ([] if face_nodes is None else [face_nodes]) + stencils
-        pattern, entries = _entries(groups, np.zeros(size, bool) if held is None else held, mesh.n_vertices)
+        curved = [stencil for term, stencil in zip(own, stencils, strict=True) if not term.linear]
+        groups = ([] if face_nodes is None else [face_nodes]) + curved
+        held = np.zeros(size, bool) if supports is None else supports.held(mesh, directors)
+        turned = None if supports is None else supports.frames(mesh)
+        listed = held.copy()
+        if turned is not None:
+            # A Hessian is turned into the frames with all coordinates of their vertices.
+            listed[(3 * turned[0][:, None] + np.arange(3)).reshape(-1)] = False
+        pattern, entries = _entries(groups, listed, mesh.n_vertices)
+        frames = None
         face_entries = corner_entries = None
         if face_nodes is not None:
             face_entries = entries.pop(0)
             corner_entries = jnp.asarray(_corner_entries(face_entries, pattern.nnz))
             face_entries = jnp.asarray(face_entries)
+        by_term = iter(entries)
+        element_entries = tuple(
+            None if term.linear else jnp.asarray(next(by_term).reshape(len(s), s.shape[1], 3, s.shape[1], 3))
+            for term, s in zip(own, stencils, strict=True)
+        )
+        if turned is not None:
+            frames, pattern = Frames.of(*turned, pattern, np.flatnonzero(~listed), held, mesh.n_vertices)
         return cls(
-            free=None if held is None else jnp.asarray(np.flatnonzero(~held).astype(np.int32)),
+            free=jnp.asarray(np.flatnonzero(~held).astype(np.int32)) if held.any() else None,
+            frames=frames,
             pattern=pattern,
             stencils=tuple(jnp.asarray(stencil.astype(np.int32)) for stencil in stencils),
             face_unknowns=None if face_nodes is None else jnp.asarray(_unknowns(face_nodes, mesh.n_vertices)),
             face_entries=face_entries,
             corner_entries=corner_entries,
-            element_entries=tuple(
-                jnp.asarray(e.reshape(len(e), s.shape[1], 3, s.shape[1], 3))
-                for e, s in zip(entries, stencils, strict=True)
-            ),
+            element_entries=element_entries,
             n_vertices=mesh.n_vertices,
             n_directors=directors,
         )
@@ -90,18 +108,31 @@ class Assembly(eqx.Module):
         """How many unknowns there are, held ones included."""
         return 3 * self.n_vertices + self.n_directors
 
+    @property
+    def is_held(self) -> Bool[np.ndarray, " N"]:
+        """Which of all unknowns are held; not to be called inside `jit`."""
+        held = np.full(self.size, self.free is not None)
+        if self.free is not None:
+            held[np.asarray(self.free)] = False
+        return held
+
     def like(self, dtype):
-        """The structure of a free scene's fields: positions, or positions and directors."""
+        """The structure of the fields that a Hessian acts on: positions, or positions and directors; a flat vector of
+        the free unknowns where some are held."""
+        if self.free is not None:
+            return jax.ShapeDtypeStruct((len(self.free),), dtype)
         vertices = jax.ShapeDtypeStruct((self.n_vertices, 3), dtype)
         return (vertices, jax.ShapeDtypeStruct((self.n_directors,), dtype)) if self.n_directors else vertices
 
     def split(self, unknowns: Float[Array, " N"]) -> tuple[Float[Array, "V 3"], Float[Array, " E"] | None]:
-        """Positions and directors from the vector of all unknowns."""
+        """Positions and directors from the vector of all unknowns; likewise forces and moments, and motions."""
         vertices = unknowns[: 3 * self.n_vertices].reshape(-1, 3)
+        vertices = vertices if self.frames is None else self.frames.out_of(vertices)
         return vertices, unknowns[3 * self.n_vertices :] if self.n_directors else None
 
     def join(self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None) -> Float[Array, " N"]:
-        """The vector of all unknowns."""
+        """The vector of all unknowns; the inverse of `split`."""
+        vertices = vertices if self.frames is None else self.frames.into(vertices)
         if not self.n_directors:
             return vertices.reshape(-1)
         if directors is None:
@@ -128,23 +159,27 @@ class Assembly(eqx.Module):
             for stencil, gradient in zip(self.stencils, elements, strict=True):
                 forces = forces.at[stencil].add(gradient)
             total = total.at[: 3 * self.n_vertices].add(forces.reshape(-1))
+        if self.frames is not None:
+            forces = self.frames.into(total[: 3 * self.n_vertices].reshape(-1, 3))
+            total = total.at[: 3 * self.n_vertices].set(forces.reshape(-1))
         return total
 
     def matrix(
         self,
         faces: tuple[Float[Array, "F m m"], Float[Array, "6 3 3 F"]] | None,
-        elements: tuple[Float[Array, "_ _ 3 _ 3"], ...],
+        elements: tuple[Float[Array, "_ _ 3 _ 3"] | None, ...],
     ) -> SparseSymmetric:
-        """Add up the Hessians of elements, over the free unknowns."""
-        values = jnp.zeros(self.pattern.nnz)
+        """Add up the Hessians of elements, over the free unknowns; `None` for those of a linear term."""
+        values = jnp.zeros(self.pattern.nnz if self.frames is None else self.frames.n_entries)
         if faces is not None:
             stiffness, geometric = faces
             # The smaller part first: XLA then adds the larger one in place.
             values = values.at[self.corner_entries].add(geometric, mode="drop")
             values = values.at[self.face_entries].add(stiffness, mode="drop")
         for entries, hessian in zip(self.element_entries, elements, strict=True):
-            values = values.at[entries].add(hessian, mode="drop")
-        return SparseSymmetric(self.pattern, values)
+            if entries is not None:
+                values = values.at[entries].add(hessian, mode="drop")
+        return SparseSymmetric(self.pattern, values if self.frames is None else self.frames.turn(values))
 
 
 def _check_stencil(name: str, stencil: np.ndarray, mesh: Mesh) -> None:

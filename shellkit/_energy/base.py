@@ -27,6 +27,11 @@ class AbstractEnergy(eqx.Module):
     def at(self, progress: float | Scalar) -> "AbstractEnergy":
         """This energy with a fraction `progress`, from 0 to 1, of its loads."""
 
+    @abc.abstractmethod
+    def on(self, mesh: Mesh) -> "AbstractEnergy":
+        """This energy with the vertices that it names spelled out as indices, which a problem stores and `jit` can pass
+        on."""
+
     def __add__(self, other: "AbstractEnergy") -> "SumOfEnergies":
         if not isinstance(other, AbstractEnergy):
             return NotImplemented
@@ -48,6 +53,9 @@ class SumOfEnergies(AbstractEnergy):
     def at(self, progress: float | Scalar) -> "SumOfEnergies":
         return SumOfEnergies(tuple(term.at(progress) for term in self.terms))
 
+    def on(self, mesh: Mesh) -> "SumOfEnergies":
+        return SumOfEnergies(tuple(term.on(mesh) for term in self.terms))
+
     def weighted_terms(self):
         for term in self.terms:
             yield from term.weighted_terms()
@@ -61,6 +69,9 @@ class ScaledEnergy(AbstractEnergy):
 
     def at(self, progress: float | Scalar) -> "ScaledEnergy":
         return ScaledEnergy(self.term.at(progress), self.weight)
+
+    def on(self, mesh: Mesh) -> "ScaledEnergy":
+        return ScaledEnergy(self.term.on(mesh), self.weight)
 
     def weighted_terms(self):
         for weight, term in self.term.weighted_terms():
@@ -92,6 +103,9 @@ class EnergyTerm(AbstractEnergy):
         ```
     """
 
+    linear: ClassVar[bool] = False
+    """Whether the energy is linear in the positions: then it has no part in the Hessian, and takes no room there."""
+
     @abc.abstractmethod
     def stencil(self, mesh: Mesh) -> Int[Array, "N k"]:
         """The vertices of each element, as indices; called once, when a problem is built."""
@@ -105,11 +119,20 @@ class EnergyTerm(AbstractEnergy):
     def element_energy(self, x: Float[Array, "k 3"], data: PyTree[Array]) -> Scalar:
         """The energy of one element at vertex positions `x`, with its slice of the data."""
 
+    def director_moments(self, mesh: Mesh) -> Float[Array, " E"] | None:
+        """Moments on the edge normals about their edges, where directors are free: for loads that turn the normal of an
+        edge itself; `None`, as for most, for none."""
+        return None
+
     def check(self, mesh: Mesh) -> None:
         """Raise a `ValueError` if this term does not fit the mesh; called when a problem is built."""
 
     def at(self, progress: float | Scalar) -> "AbstractEnergy":
         """This term with a fraction of its load: itself, unless it is one."""
+        return self
+
+    def on(self, mesh: Mesh) -> "AbstractEnergy":
+        """This term with the vertices that it names spelled out as indices: itself, unless it names some."""
         return self
 
     def weighted_terms(self):
@@ -121,9 +144,8 @@ class FormEnergy(AbstractEnergy):
 
     The kinematics, the forms with their first and second derivatives, are the library's own and written by hand; all
     such terms of a sum share them. `form` is how the term measures curvature (see [`shellkit.second_form`][]), or
-    `None` if
-    it depends on the metric alone: a sum of such terms couples the three vertices of a face and no others. With
-    `directors="free"` each edge carries one more unknown, the angle by which its normal is turned.
+    `None` if it depends on the metric alone: a sum of such terms couples the three vertices of a face and no others.
+    With `directors="free"` each edge carries one more unknown, the angle by which its normal is turned.
     """
 
     form: eqx.AbstractVar[CurvatureForm | None]
@@ -145,6 +167,10 @@ class FormEnergy(AbstractEnergy):
 
     def at(self, progress: float | Scalar) -> "AbstractEnergy":
         """This term with a fraction of its load: itself, unless it is one."""
+        return self
+
+    def on(self, mesh: Mesh) -> "AbstractEnergy":
+        """This term with the vertices that it names spelled out as indices: itself, unless it names some."""
         return self
 
     def weighted_terms(self):

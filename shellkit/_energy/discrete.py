@@ -4,6 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Scalar
 
+from .._geometry.patches import Continuation
 from .._mesh.mesh import Mesh
 from .._rest import RestShape
 from .._solve.operator import SparseSymmetric
@@ -17,13 +18,13 @@ class DiscreteEnergy(eqx.Module):
     """An energy bound to its mesh, rest shape and supports.
 
     Calling it gives the energy at the vector `y` of free unknowns; `gradient` and `hessian` are the derivatives in
-    `y`, the
-    latter sparse. All three can be differentiated in whatever the parts were made from.
+    `y`, the latter sparse. All three can be differentiated in whatever the parts were made from.
     """
 
     assembly: Assembly
     faces: FaceEnergies | None
     elements: tuple[Elements, ...]
+    moments: Float[Array, " E"] | None  # on the edge normals, where directors are free; None for none
     held: Float[Array, " N"]
 
     def __init__(
@@ -33,12 +34,14 @@ class DiscreteEnergy(eqx.Module):
         rest: RestShape,
         assembly: Assembly,
         held: Float[Array, " N"],
+        continuation: Continuation | None = None,
     ):
         """**Arguments:**
 
         - `energy`, `mesh`, `rest`: what is measured, where, and against what.
         - `assembly`: the numbering of this energy on this mesh.
         - `held`: all unknowns; those that are not free keep these values.
+        - `continuation`: how the surface goes on beyond edges whose normal is held.
         """
         weighted = tuple(energy.weighted_terms())
         on_faces = tuple(
@@ -50,11 +53,12 @@ class DiscreteEnergy(eqx.Module):
         self.faces = None
         if on_faces:
             form = bending[0].form if bending else None
-            self.faces = FaceEnergies(on_faces, mesh, form, free=assembly.n_directors > 0)
+            self.faces = FaceEnergies(on_faces, mesh, continuation, form, free=assembly.n_directors > 0)
         self.elements = tuple(
             Elements(term, weight, term.element_data(mesh, rest), stencil)
             for (weight, term), stencil in zip(own, assembly.stencils, strict=True)
         )
+        self.moments = _director_moments(own, mesh) if assembly.n_directors else None
         self.held = held
 
     def state(self, y: Float[Array, " n"]) -> tuple[Float[Array, "V 3"], Float[Array, " E"] | None]:
@@ -68,13 +72,14 @@ class DiscreteEnergy(eqx.Module):
             total = total + self.faces.energy(vertices, directors)
         for elements in self.elements:
             total = total + elements.energy(vertices)
-        return total
+        return total if self.moments is None else total - self.moments @ directors
 
     def full_gradient(self, y: Float[Array, " n"]) -> Float[Array, " N"]:
-        """The gradient in all unknowns; on the held ones it is minus the reaction."""
+        """The gradient in all unknowns; on the held ones it is the force by which their support acts on the shell."""
         vertices, directors = self.state(y)
         faces = None if self.faces is None else self.faces.gradient(vertices, directors)
-        return self.assembly.vector(faces, tuple(elements.gradient(vertices) for elements in self.elements))
+        total = self.assembly.vector(faces, tuple(elements.gradient(vertices) for elements in self.elements))
+        return total if self.moments is None else total.at[-self.assembly.n_directors :].add(-self.moments)
 
     def gradient(self, y: Float[Array, " n"]) -> Float[Array, " n"]:
         """The gradient in the free unknowns."""
@@ -85,3 +90,13 @@ class DiscreteEnergy(eqx.Module):
         vertices, directors = self.state(y)
         faces = None if self.faces is None else self.faces.hessian(vertices, directors)
         return self.assembly.matrix(faces, tuple(elements.hessian(vertices) for elements in self.elements))
+
+
+def _director_moments(terms: list[tuple[Array | None, EnergyTerm]], mesh: Mesh) -> Float[Array, " E"] | None:
+    total = None
+    for weight, term in terms:
+        moments = term.director_moments(mesh)
+        if moments is not None:
+            moments = moments if weight is None else weight * moments
+            total = moments if total is None else total + moments
+    return total

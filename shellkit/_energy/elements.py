@@ -30,6 +30,8 @@ class Elements(eqx.Module):
         """Derivatives in the positions of each element."""
         return self._weighted(self._map(jax.grad(self.term.element_energy), vertices))
 
-    def hessian(self, vertices: Float[Array, "V 3"]) -> Float[Array, "N k 3 k 3"]:
-        """Second derivatives in the positions of each element."""
+    def hessian(self, vertices: Float[Array, "V 3"]) -> Float[Array, "N k 3 k 3"] | None:
+        """Second derivatives in the positions of each element; `None` for a term that is linear in them."""
+        if self.term.linear:
+            return None
         return self._weighted(self._map(jax.hessian(self.term.element_energy), vertices))

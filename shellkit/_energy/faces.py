@@ -13,7 +13,16 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, PyTree, Scalar
 
 from .._geometry.forms import CurvatureForm, curvature_from_angles, director_signs, metric_from_lengths
-from .._geometry.patches import SIGN, HingeGradients, Hinges, Triangles, at_corners, hinge_curvature, length_curvature
+from .._geometry.patches import (
+    SIGN,
+    Continuation,
+    HingeGradients,
+    Hinges,
+    Triangles,
+    at_corners,
+    hinge_curvature,
+    length_curvature,
+)
 from .._mesh.mesh import Mesh
 from .base import FormEnergy
 
@@ -21,11 +30,13 @@ from .base import FormEnergy
 class FaceEnergies(eqx.Module):
     """The terms of one sum that share the kinematics of faces, with their data for one rest shape.
 
-    Without `form` no term bends: the elements are single faces. With `free` directors each edge has an unknown.
+    Without `form` no term bends: the elements are single faces. With `free` directors each edge has an unknown. A
+    `continuation` holds the normals of some edges.
     """
 
     terms: tuple[tuple[Array | None, FormEnergy, PyTree[Array]], ...]
     mesh: Mesh
+    continuation: Continuation | None
     form: CurvatureForm | None = eqx.field(static=True)
     free: bool = eqx.field(static=True)
 
@@ -46,8 +57,8 @@ class FaceEnergies(eqx.Module):
         triangles = Triangles(vertices, self.mesh)
         if self.form is None:
             return triangles, None, tuple(triangles.squared_lengths)
-        hinges = Hinges(vertices, self.mesh, triangles)
-        half = 0.5 * hinges.angles
+        hinges = Hinges(vertices, self.mesh, triangles, self.continuation)
+        half = hinges.near_part(hinges.angles)
         if self.free:
             half = half + director_signs(self.mesh) * directors[self.mesh.face_edges.T]
         return triangles, hinges, (*triangles.squared_lengths, *half)
@@ -73,7 +84,7 @@ class FaceEnergies(eqx.Module):
         pull = 2.0 * stress[:3, None] * triangles.edges
         if hinges is None:
             return jnp.concatenate(at_corners(-pull, pull))
-        tails, heads, near, far = HingeGradients(triangles, hinges).pull_back(0.5 * stress[3:])
+        tails, heads, near, far = HingeGradients(triangles, hinges).pull_back(hinges.near_part(stress[3:]))
         corners = at_corners(tails - pull, heads + pull)
         parts = [*(own + shared for own, shared in zip(near, corners, strict=True)), *far]
         if self.free:
@@ -100,12 +111,14 @@ class FaceEnergies(eqx.Module):
             zero = jnp.zeros_like(triangles.area_normal)
             on_corners, on_far = HingeGradients(triangles, hinges).rows()
             rows = [[*row, zero, zero, zero] for row in rows]
+            share = hinges.near_part(jnp.ones_like(hinges.angles))
             for i in range(3):
                 far = [0.5 * on_far[i] if k == i else zero for k in range(3)]
-                rows.append([0.5 * gradient for gradient in on_corners[i]] + far)
-            hinge_stress = 0.5 * stress[3:]
+                rows.append([share[i] * gradient for gradient in on_corners[i]] + far)
+            hinge_stress = hinges.near_part(stress[3:])
             beyond = hinge_stress.T.reshape(-1)[jnp.maximum(self.mesh.twins.T, 0)]
-            geometric = geometric + hinge_curvature(triangles, hinges.interior * (hinge_stress + beyond))
+            hinge_stress = hinges.hinged * hinge_stress + hinges.beyond * beyond
+            geometric = geometric + hinge_curvature(triangles, hinge_stress)
         if self.free:
             signs, none = director_signs(self.mesh), jnp.zeros_like(triangles.twice_area)[None]
             rows = [row + [signs[k][None] if i == 3 + k else none for k in range(3)] for i, row in enumerate(rows)]

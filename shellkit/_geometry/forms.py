@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._mesh.mesh import Mesh
-from .patches import Hinges, Triangles
+from .patches import Continuation, Hinges, Triangles
 
 
 Components: TypeAlias = tuple[Array, Array, Array]
@@ -61,10 +61,15 @@ def director_signs(mesh: Mesh) -> Float[Array, "3 F"]:
 
 
 def half_angles(
-    vertices: Float[Array, "V 3"], mesh: Mesh, triangles: Triangles, directors: Float[Array, " E"] | None
+    vertices: Float[Array, "V 3"],
+    mesh: Mesh,
+    triangles: Triangles,
+    directors: Float[Array, " E"] | None,
+    continuation: Continuation | None = None,
 ) -> Float[Array, "3 F"]:
     """Angles between the normal of every face and the normals of its three edges."""
-    half = 0.5 * Hinges(vertices, mesh, triangles).angles
+    hinges = Hinges(vertices, mesh, triangles, continuation)
+    half = hinges.near_part(hinges.angles)
     if directors is None:
         return half
     return half + director_signs(mesh) * directors[mesh.face_edges.T]

@@ -1,24 +1,25 @@
 """The patch of a face and its three neighbours: edge lengths, hinge angles, and their first and second derivatives.
 
 All arrays are index-last: (corner or edge, component, face). Edge i lies opposite corner i and runs from corner i + 1
-to
-corner i + 2. The derivatives are written by hand, from the motion of a unit normal and of a height:
+to corner i + 2. The derivatives are written by hand, from the motion of a unit normal and of a height:
 
 - with n the unit normal, h_i the height of corner i over edge i, and t_i the foot of that height along the edge, a
-    hinge
-  angle has the gradient -n / h_i at corner i, and the opposite, shared out as 1 - t_i and t_i, at the ends of the edge;
-  each of its two faces adds such a part;
+    hinge angle has the gradient -n / h_i at corner i, and the opposite, shared out as 1 - t_i and t_i, at the ends of
+    the edge; each of its two faces adds such a part;
 - its second derivative is the sum of one part a face, which involves that face's own corners only.
 
 Tamstorf and Grinspun, "Discrete bending forces and their Jacobians", Graphical Models 75 (2013), give an equivalent
 form.
+
+An edge whose normal is held has, instead of the neighbour, the half plane into which the surface would go on: the angle
+to it is a hinge angle of which only this face moves.
 """
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Bool, Float
 
 from .._mesh.mesh import Mesh
 from .vectors import cross, dot, gather
@@ -55,24 +56,55 @@ class Triangles(eqx.Module):
         return dot(self.corners - self.tails, self.edges) / self.squared_lengths
 
 
-class Hinges(eqx.Module):
-    """The three hinges of every face. On the boundary the angle and its derivatives are zero."""
+class Continuation(eqx.Module):
+    """How the surface goes on beyond the edges whose normal is held, seen from each of their faces.
 
-    interior: Float[Array, "3 F"]  # 1 where edge i has a face on its other side, else 0
+    The edge normal is square to the edge and to the arm. Arms are unit vectors square to their edges, and stay so under
+    all motions that the supports leave free: then the angle to them depends, to second order, on the near face alone.
+    """
+
+    listed: Bool[Array, "3 F"]  # whether the normal of edge i is held
+    arms: Float[Array, "3 3 F"]
+
+
+class Hinges(eqx.Module):
+    """The three hinges of every face. On a boundary that nothing holds the angle and its derivatives are zero."""
+
+    hinged: Float[Array, "3 F"]  # 1 where edge i has a face on its other side, or a held normal; else 0
+    beyond: Float[Array, "3 F"]  # 1 where it has a face on its other side that the angle is measured against; else 0
     arms: Float[Array, "3 3 F"]  # far vertex seen from the tail of the edge
     far_area_normal: Float[Array, "3 3 F"]
     angles: Float[Array, "3 F"]  # positive where the surface is convex
+    listed: Bool[Array, "3 F"] | None  # whether the normal of edge i is held; None if none is
 
-    def __init__(self, vertices: Float[Array, "V 3"], mesh: Mesh, triangles: Triangles):
+    def __init__(
+        self,
+        vertices: Float[Array, "V 3"],
+        mesh: Mesh,
+        triangles: Triangles,
+        continuation: Continuation | None = None,
+    ):
         hinged = mesh.face_opposite.T >= 0
         far = gather(vertices, jnp.maximum(mesh.face_opposite, 0))
-        self.interior = jnp.where(hinged, 1.0, 0.0).astype(vertices.dtype)
         self.arms = far - triangles.tails
+        self.beyond = jnp.where(hinged, 1.0, 0.0).astype(vertices.dtype)
+        self.hinged, self.listed = self.beyond, None
+        if continuation is not None:
+            self.listed = listed = continuation.listed
+            hinged = hinged | listed
+            self.hinged = jnp.where(hinged, 1.0, 0.0).astype(vertices.dtype)
+            self.beyond = jnp.where(listed, 0.0, self.beyond)
+            self.arms = jnp.where(listed[:, None], continuation.arms, self.arms)
         self.far_area_normal = cross(self.arms, triangles.edges)
         sine = -jnp.sqrt(triangles.squared_lengths) * dot(self.arms, triangles.area_normal[None])
         cosine = dot(self.far_area_normal, triangles.area_normal[None])
         # The far vertex of a boundary edge is a placeholder; both arguments are replaced before they are divided.
         self.angles = jnp.arctan2(jnp.where(hinged, sine, 0.0), jnp.where(hinged, cosine, 1.0))
+
+    def near_part(self, values: Float[Array, "3 F"]) -> Float[Array, "3 F"]:
+        """Of a quantity in proportion to the hinge angles, the part between the normals of this face and of the edge:
+        half, and all of it where the normal of the edge is held."""
+        return 0.5 * values if self.listed is None else jnp.where(self.listed, values, 0.5 * values)
 
 
 class HingeGradients(eqx.Module):
@@ -85,11 +117,10 @@ class HingeGradients(eqx.Module):
 
     def __init__(self, triangles: Triangles, hinges: Hinges):
         lengths = jnp.sqrt(triangles.squared_lengths)
-        scale = hinges.interior * lengths
         far_squared = dot(hinges.far_area_normal, hinges.far_area_normal)
-        far_squared = jnp.where(hinges.interior > 0, far_squared, 1.0)
-        self.near = triangles.area_normal[None] * (scale / triangles.twice_area**2)[:, None]
-        self.far = hinges.far_area_normal * (scale / far_squared)[:, None]
+        far_squared = jnp.where(hinges.beyond > 0, far_squared, 1.0)
+        self.near = triangles.area_normal[None] * (hinges.hinged * lengths / triangles.twice_area**2)[:, None]
+        self.far = hinges.far_area_normal * (hinges.beyond * lengths / far_squared)[:, None]
         self.near_feet = triangles.feet()
         self.far_feet = dot(hinges.arms, triangles.edges) / triangles.squared_lengths
 

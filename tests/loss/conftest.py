@@ -19,6 +19,7 @@ def equilibrium_at(mesh, vertices, rest_metric=None):
         rest=sk.RestShape(rest_metric, None, jnp.full(mesh.n_faces, 0.1)),
         vertices=jnp.asarray(vertices),
         directors=None,
+        reactions=None,
         energy=jnp.asarray(0.0),
         gradient_norm=jnp.asarray(0.0),
         steps=jnp.asarray(0),

@@ -31,6 +31,7 @@ def equilibrium_of():
             rest=rest if actuation is None else actuation(rest),
             vertices=vertices,
             directors=None,
+            reactions=None,
             energy=zero,
             gradient_norm=zero,
             steps=jnp.zeros((), jnp.int32),
