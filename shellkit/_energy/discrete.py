@@ -72,7 +72,9 @@ class DiscreteEnergy(eqx.Module):
             total = total + self.faces.energy(vertices, directors)
         for elements in self.elements:
             total = total + elements.energy(vertices)
-        return total if self.moments is None else total - self.moments @ directors
+        if self.moments is not None and directors is not None:
+            total = total - self.moments @ directors
+        return total
 
     def full_gradient(self, y: Float[Array, " n"]) -> Float[Array, " N"]:
         """The gradient in all unknowns; on the held ones it is the force by which their support acts on the shell."""

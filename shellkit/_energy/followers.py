@@ -116,7 +116,7 @@ class EdgeMoment(EnergyTerm):
             value = getattr(self, name)
             if value.shape != () or not np.isfinite(value):
                 raise ValueError(f"EdgeMoment: {name} is {value}; give one finite number.")
-        edges = self.on(mesh).edges
+        edges = self._loaded(mesh)
         inside = np.flatnonzero(~np.asarray(mesh.boundary_edges)[np.asarray(edges)])
         if len(inside):
             ends = np.asarray(mesh.edges)[np.asarray(edges)[inside[0]]].tolist()
@@ -126,12 +126,12 @@ class EdgeMoment(EnergyTerm):
         return progress * self
 
     def stencil(self, mesh: Mesh) -> Int[Array, "m 3"]:
-        edges = self.on(mesh).edges
+        edges = self._loaded(mesh)
         opposite = mesh.faces[mesh.edge_faces[edges, 0], mesh.edge_corners[edges, 0]]
         return jnp.column_stack([mesh.edges[edges], opposite])
 
     def element_data(self, mesh: Mesh, rest: RestShape):
-        edges = self.on(mesh).edges
+        edges = self._loaded(mesh)
         along = mesh.vertices[mesh.edges[edges, 1]] - mesh.vertices[mesh.edges[edges, 0]]
         normals = face_normals(mesh.vertices, mesh)[mesh.edge_faces[edges, 0]]
         centre = jnp.broadcast_to(self.centre, edges.shape)
@@ -147,5 +147,8 @@ class EdgeMoment(EnergyTerm):
         return -moment * (centre + from_centre)
 
     def director_moments(self, mesh: Mesh) -> Float[Array, " E"]:
-        edges = self.on(mesh).edges
+        edges = self._loaded(mesh)
         return jnp.zeros(mesh.n_edges).at[edges].set(self.moment * shares(edges, mesh))
+
+    def _loaded(self, mesh: Mesh) -> Int[Array, " m"]:
+        return loaded_edges("EdgeMoment", self.vertices, mesh) if self.edges is None else self.edges

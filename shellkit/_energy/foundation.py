@@ -89,5 +89,6 @@ class Foundation(EnergyTerm):
         return 0.5 * stiffness * jnp.sum(gap * gap)
 
     def _indices(self, mesh: Mesh) -> Int[Array, " n"]:
-        on = self.on(mesh).vertices
-        return jnp.arange(mesh.n_vertices) if on is None else on
+        if self.vertices is None:
+            return jnp.arange(mesh.n_vertices)
+        return selected("Foundation", self.vertices, mesh)

@@ -119,11 +119,11 @@ class PointLoad(DeadLoad):
         return eqx.tree_at(lambda s: s.vertices, self, selected("PointLoad", self.vertices, mesh))
 
     def check(self, mesh: Mesh) -> None:
-        n = len(self.on(mesh).vertices)
+        n = len(selected("PointLoad", self.vertices, mesh))
         _check_vectors("PointLoad", "force", self.force, [(3,), (n, 3)])
 
     def nodal_forces(self, mesh: Mesh, rest: RestShape) -> Float[Array, "V 3"]:
-        return jnp.zeros((mesh.n_vertices, 3)).at[self.on(mesh).vertices].add(self.force)
+        return jnp.zeros((mesh.n_vertices, 3)).at[selected("PointLoad", self.vertices, mesh)].add(self.force)
 
 
 class EdgeLoad(DeadLoad):
@@ -158,7 +158,7 @@ class EdgeLoad(DeadLoad):
         _check_vectors("EdgeLoad", "force", self.force, [(3,)])
 
     def nodal_forces(self, mesh: Mesh, rest: RestShape) -> Float[Array, "V 3"]:
-        edges = self.on(mesh).edges
+        edges = self.edges if self.edges is not None else loaded_edges("EdgeLoad", self.vertices, mesh)
         halves = 0.5 * shares(edges, mesh)[:, None] * self.force
         zero = jnp.zeros((mesh.n_vertices, 3))
         return zero.at[mesh.edges[edges]].add(jnp.broadcast_to(halves[:, None], (len(edges), 2, 3)))

@@ -3,9 +3,9 @@
 from collections.abc import Callable
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float, Int
 
 from .._geometry.rowwise import unit
@@ -57,7 +57,7 @@ class Pinned(SingleSupport):
         return eqx.tree_at(lambda s: s.progress, self, progress)
 
     def check_shapes(self, mesh: Mesh) -> None:
-        n = len(self.vertices)
+        n = len(selected("Pinned", self.vertices, mesh))
         _check_rows("Pinned", "positions", self.positions, [(n, 3)])
         _check_rows("Pinned", "displacement", self.displacement, [(3,), (n, 3)])
 
@@ -147,10 +147,10 @@ class Clamped(SingleSupport):
         return moved + self.progress * self.displacement
 
     def held_edges(self, mesh: Mesh) -> Int[Array, " m"]:
-        return self.on(mesh).edges
+        return selected_edges("Clamped", self.vertices, mesh) if self.edges is None else self.edges
 
     def arms(self, mesh: Mesh) -> Float[Array, "m 3"]:
-        edges = self.on(mesh).edges
+        edges = self.held_edges(mesh)
         along = mesh.vertices[mesh.edges[edges, 1]] - mesh.vertices[mesh.edges[edges, 0]]
         first, second = mesh.edge_faces[edges].T
         normals = face_normals(mesh.vertices, mesh)
@@ -176,5 +176,5 @@ def _check_rows(owner: str, name: str, value: Array | None, shapes: list[tuple[i
     if value.shape not in shapes:
         expected = " or ".join(map(str, shapes))
         raise ValueError(f"{owner}: {name} has shape {value.shape}; expected {expected}.")
-    if not isinstance(value, jax.core.Tracer) and not np.isfinite(value).all():
+    if not isinstance(value, Tracer) and not np.isfinite(value).all():
         raise ValueError(f"{owner}: {name} is not finite.")

@@ -66,7 +66,7 @@ class Sliding(SingleSupport):
         return eqx.tree_at(lambda s: s.progress, self, progress)
 
     def check_shapes(self, mesh: Mesh) -> None:
-        n = len(self.vertices)
+        n = len(selected("Sliding", self.vertices, mesh))
         if self.displacement is not None and self.displacement.shape not in [(3,), (n, 3)]:
             raise ValueError(f"Sliding: displacement has shape {self.displacement.shape}; expected (3,) or ({n}, 3).")
 
@@ -153,10 +153,12 @@ class Symmetry(SingleSupport):
         return mesh.vertices[self.on(mesh).vertices]
 
     def held_edges(self, mesh: Mesh) -> Int[Array, " m"]:
-        return self.on(mesh).edges
+        edges = self.on(mesh).edges
+        assert edges is not None
+        return edges
 
     def arms(self, mesh: Mesh) -> Float[Array, "m 3"]:
-        edges = self.on(mesh).edges
+        edges = self.held_edges(mesh)
         face, corner = mesh.edge_faces[edges, 0], mesh.edge_corners[edges, 0]
         inward = mesh.vertices[mesh.faces[face, corner]] - mesh.vertices[mesh.edges[edges, 0]]
         normal = jnp.array(self.normal)

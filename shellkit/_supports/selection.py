@@ -3,9 +3,9 @@
 from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jax.typing import ArrayLike
 from jaxtyping import Array, Int
 
@@ -30,9 +30,9 @@ def selected(owner: str, vertices: Array | Callable, mesh: Mesh) -> Int[Array, "
 
     **Raises:** `ValueError` for a selection that does not fit the mesh, or selects nothing.
     """
-    if isinstance(vertices, jax.core.Tracer):
-        return vertices
-    chosen = np.asarray(vertices(mesh.vertices) if callable(vertices) else vertices)
+    if isinstance(vertices, Tracer):
+        return vertices  # spelled out when the problem was built
+    chosen: np.ndarray = np.asarray(vertices(mesh.vertices) if callable(vertices) else vertices)
     if chosen.dtype == bool:
         if chosen.shape != (mesh.n_vertices,):
             raise ValueError(
