@@ -8,18 +8,21 @@ from typing import Any, Literal
 
 import numpy as np
 import optax
+import optimistix as optx
 from jaxtyping import PyTree
 
 from . import _checkpoint
 from ._design import Bounds, split
 from ._fit_loop import Loop, Trainable
+from ._fit_method import GradientMethod, Method
+from ._fit_squares import SquaresMethod, SquaresTrainable
 from ._history import FitResult, FitStep, History
 from ._progress import Bar, JsonLines, Reporter, TensorBoard
 
 
 def fit(
     problem: Trainable,
-    optimiser: optax.GradientTransformation,
+    optimiser: optax.GradientTransformation | optx.AbstractLeastSquaresSolver,
     *,
     steps: int,
     where: Callable[[Any], PyTree] | None = None,
@@ -38,7 +41,7 @@ def fit(
     warm_start: Literal["rest", "last", "predicted"] = "rest",
     check_every: int = 20,
 ) -> FitResult:
-    r"""Trains arrays of a problem: minimises its loss with an optax optimiser.
+    r"""Trains arrays of a problem: minimises its loss with an optax optimiser or a least-squares solver of optimistix.
 
     Each step relaxes the shell, evaluates the loss and its gradient, records them in the history, and lets the
     optimiser update the design. The step is compiled once; fitting the same kind of problem again with other values,
@@ -49,6 +52,16 @@ def fit(
     refused: the optimiser never sees it. The loop returns to the last good design and takes half of the update, half of
     that again, and so on; the scale doubles back to one with each design accepted afterwards. The first refusal of a
     fit warns; the history counts them (`refused`, `update_scale`).
+
+    **Second-order training** with `optimistix.LevenbergMarquardt`, `GaussNewton` or `Dogleg` wants a loss that is a sum
+    of squares ([`shellkit.LeastSquaresLoss`][] and sums of such with weights) and takes far fewer steps than descent.
+    At each accepted design the Hessian is factorised once, and the Jacobian of the residuals is looked at by products,
+    a sweep with that factor each: in full where it is small, else on the Krylov space of its first 100 pairs of
+    products or fewer. A trial design that raises the loss, or is refused, costs its relaxation and nothing more. Of the
+    solver count its kind, its tolerances and norm (the fit stops as `"converged"` when the next step is below them) and
+    its linear solver: `lineax.Normal(lineax.CG(rtol, atol, max_steps=…))` sets how well and by how many products the
+    Krylov space is made, `lineax.SVD()` asks for the whole Jacobian. Damping and radius follow rules of this package,
+    as every trial is a relaxation; the history has them as `control`.
 
     **Warm starts** save relaxation steps, and can mislead: a shell with several equilibria follows the one it is on,
     which is not always the one that it would relax to from rest. Hence every `check_every` steps the design is relaxed
@@ -61,8 +74,8 @@ def fit(
         `objective(start=None)` returns `(loss, ({term: value}, equilibrium or None))`, such as a sum over several
         problems.
     - `optimiser`: any optax optimiser, schedules included; also those that search along a line (`optax.lbfgs()`), which
-        relax several times a step. It sees the design as a dictionary of arrays by name, such as
-        `"actuation.top.angle"`, which `optax.multi_transform` can label.
+        relax several times a step; or a least-squares solver of optimistix. It sees the design as a dictionary of
+        arrays by name, such as `"actuation.top.angle"`, which `optax.multi_transform` can label.
     - `steps`: the number of steps in all, those of a resumed checkpoint included.
     - `where`: a function from the problem to the array or arrays (a tuple, or any pytree) to train, as in
         `lambda p: p.actuation.angle`. `None`: all floating-point arrays of `problem.actuation`. The others are not
@@ -104,17 +117,17 @@ def fit(
 
     When not to use it: for a loop of your own, `problem.evaluate()` differentiates like any function.
     """
-    _check(problem, optimiser, unconverged, warm_start, tolerance, max_seconds)
+    _check(problem, unconverged, warm_start, tolerance, max_seconds)
     _check_count("steps", steps)
     _check_count("checkpoint_every", checkpoint_every)
     _check_count("check_every", check_every)
     _check_count("patience", 1 if patience is None else patience)
     _check_count("max_refusals", max_refusals, least=0)
     design, values = split(problem, where, bounds)
-    loop = Loop(design, optimiser, unconverged == "refuse", warm_start, check_every, max_refusals)
+    loop = Loop(design, _method(problem, optimiser), unconverged == "refuse", warm_start, check_every, max_refusals)
     run, history = loop.begin(values), History()
     path = None if checkpoint is None else _checkpoint.prepare(checkpoint)
-    identity = {} if path is None else loop.identity(values, run.state)
+    identity = {} if path is None else loop.identity(values, run.course.state)
     if path is not None and path.exists():
         run, history = loop.resume(_checkpoint.read(path), identity, run)
     if run.step >= steps:
@@ -130,8 +143,8 @@ def fit(
                 stack.enter_context(reporter)
             while stopped == "running":
                 tried = loop.next_design(run)
-                if tried is None:
-                    stopped = "refused"
+                if isinstance(tried, str):
+                    stopped = tried
                     break
                 history.append(loop.row(run, tried, history, earlier + time.perf_counter() - began))
                 info = loop.info(run, tried, steps, history)
@@ -168,13 +181,25 @@ def _on_plateau(loss: np.ndarray, patience: int, tolerance: float) -> bool:
     return bool(lately >= before - tolerance * abs(before))
 
 
-def _check(
-    problem: Any, optimiser: Any, unconverged: str, warm_start: str, tolerance: float, max_seconds: float | None
-) -> None:
+def _method(problem: Any, optimiser: Any) -> Method:
+    if isinstance(optimiser, optax.GradientTransformation):
+        return GradientMethod(optimiser)
+    if not isinstance(optimiser, optx.AbstractLeastSquaresSolver):
+        raise ValueError(
+            "optimiser must be one of optax's, such as optax.adam(0.1), or a least-squares solver of optimistix, such "
+            f"as optimistix.LevenbergMarquardt(rtol=1e-6, atol=1e-9); got {optimiser!r}."
+        )
+    if not isinstance(problem, SquaresTrainable):
+        raise ValueError(
+            f"{type(optimiser).__name__} needs the residuals of the loss: give {type(problem).__name__} a method "
+            "residuals(equilibrium), or train it with an optax optimiser."
+        )
+    return SquaresMethod(optimiser)
+
+
+def _check(problem: Any, unconverged: str, warm_start: str, tolerance: float, max_seconds: float | None) -> None:
     if not isinstance(problem, Trainable):
         raise ValueError(f"fit trains an InverseProblem, or what has its method objective(); got {type(problem)}.")
-    if not isinstance(optimiser, optax.GradientTransformation):
-        raise ValueError(f"optimiser must be one of optax's, such as optax.adam(0.1); got {optimiser!r}.")
     if unconverged not in ("refuse", "accept"):
         raise ValueError(f"unconverged must be 'refuse' or 'accept'; got {unconverged!r}.")
     if warm_start not in ("rest", "last", "predicted"):

@@ -7,15 +7,14 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
-import optax
 from jaxtyping import Array
 
 from ._checkpoint import Stored, belongs
 from ._design import Design
 from ._fingerprint import describe
-from ._fit_step import Evaluation, advance, evaluate, move, predict, strong
+from ._fit_method import Course, Method
+from ._fit_step import Evaluation, predict, strong
 from ._history import FitResult, FitStep, History, Scalar
 
 
@@ -34,15 +33,11 @@ class Trainable(Protocol):
 
 
 class Run(NamedTuple):
-    """A fit between two steps. `anchor` is the last accepted design, and `anchor + scale * update` is to be tried next,
-    both in the optimiser's variables; `last` and `best` are values of the trained arrays. Their equilibria are kept for
-    warm starts only."""
+    """A fit between two steps. `course` is where it goes next, in the optimiser's variables; `last` and `best` are
+    values of the trained arrays. Their equilibria are kept for warm starts only."""
 
     step: int
-    anchor: dict[str, Array]
-    update: dict[str, Array]
-    scale: float
-    state: Any
+    course: Course
     last: dict[str, Array]
     best: dict[str, Array]
     best_loss: float
@@ -53,15 +48,17 @@ class Run(NamedTuple):
 
 
 class Tried(NamedTuple):
-    """A design that was accepted, its scalars on the host, and what it took to get there."""
+    """A design that was accepted, its scalars on the host, and what it took to get there: the course that proposed it,
+    and how many designs were refused before. `more` is what its method found besides."""
 
     found: Evaluation
     loss: float
     terms: dict[str, float]
     others: dict[str, Scalar]
     start: Any
-    scale: float
+    course: Course
     refused: int
+    more: Any = None
 
 
 class Loop:
@@ -70,14 +67,14 @@ class Loop:
     def __init__(
         self,
         design: Design,
-        optimiser: optax.GradientTransformation,
+        method: Method,
         refuses_unconverged: bool,
         warm_start: str,
         check_every: int,
         max_refusals: int,
     ):
         self._design = design
-        self._optimiser = optimiser
+        self._method = method
         self._refuses_unconverged = refuses_unconverged
         self._warm_start = warm_start
         self._check_every = check_every
@@ -86,13 +83,9 @@ class Loop:
 
     def begin(self, values: dict[str, Array]) -> Run:
         """The fit before its first step."""
-        free = strong(self._design.free(values))
         return Run(
             step=0,
-            anchor=free,
-            update=jax.tree.map(jnp.zeros_like, free),
-            scale=1.0,
-            state=strong(self._optimiser.init(free)),
+            course=self._method.begin(self._design, values),
             last=values,
             best=values,
             best_loss=float("inf"),
@@ -102,44 +95,52 @@ class Loop:
             seconds=0.0,
         )
 
-    def next_design(self, run: Run) -> Tried | None:
-        """The next design that is acceptable along the update, or `None` after too many that are not."""
-        scale = run.scale
+    def next_design(self, run: Run) -> Tried | str:
+        """The next design on the course that is acceptable, or why there is none: `"refused"` or `"converged"`."""
+        course, failures = run.course, 0
         for refused in range(self._max_refusals + 1):
-            tried, objection = self._try(run, scale, refused)
-            if objection is None:
-                return tried
-            if run.step == 0:
+            if self._method.arrived(course):
+                return "converged"
+            tried, objection = self._try(run, course, refused)
+            if objection is None and not self._method.declines(course, tried.loss):
+                tried, objection = self._completed(tried)
+                if objection is None:
+                    return tried
+            if objection is not None and run.step == 0:
                 raise ValueError(
                     f"fit cannot begin: at the starting design {objection}. Start from another design, relax it with "
                     "problem() to see its diagnostics, or pass unconverged='accept' if the minimiser stops short of "
                     "its tolerance as a rule."
                 )
+            course = self._method.refused(course)
+            if objection is None:
+                continue
+            failures += 1
             self._warn(
                 "refused",
-                f"fit: the design of step {run.step} was refused, as {objection}. Half of the update is tried from the "
-                "last good design, then less; the history counts such designs in its column 'refused'.",
+                f"fit: the design of step {run.step} was refused, as {objection}. A shorter step is tried from the "
+                "last good design, then a shorter one still; the history counts such designs in its column 'refused'.",
             )
-            scale = scale / 2
+        kind = "were refused" if failures else "had no smaller loss"
         self._warn(
             "stopped",
-            f"fit: stopped at step {run.step}, as {self._max_refusals + 1} designs in a row were refused; "
+            f"fit: stopped at step {run.step}, as {self._max_refusals + 1} designs in a row {kind}; "
             "the best design is kept.",
         )
-        return None
+        return "refused"
 
     def row(self, run: Run, tried: Tried, history: History, seconds: float) -> dict[str, Scalar]:
         """The next row of the history, for an accepted design."""
         row: dict[str, Scalar] = {
             **tried.others,
             "refused": tried.refused,
-            "update_scale": tried.scale,
+            **self._method.columns(tried.course, tried.more),
             "seconds": seconds,
         }
         if self._warm_start != "rest":
             row["warm_gap"] = float("nan")
             if tried.start is not None and run.step % self._check_every == 0:
-                row["warm_gap"] = self._gap(tried.found.free, tried.loss, history, f"at step {run.step}")
+                row["warm_gap"] = self._gap(run, tried.found.free, tried.loss, history, f"at step {run.step}")
         taken = tried.terms.keys() & {"loss", *row}
         if taken:
             raise ValueError(f"a loss term has the name of a column of the history, {taken.pop()!r}: rename its class.")
@@ -154,14 +155,9 @@ class Loop:
         """The fit after the optimiser's update from an accepted design, the last row of the history."""
         found = tried.found
         warm = self._kept(found)
-        at = (found.free, found.loss, found.gradient)
-        update, state = advance(self._optimiser, self._design, at, run.state, warm)
         return self._better(run, tried)._replace(
             step=run.step + 1,
-            anchor=found.free,
-            update=update,
-            scale=min(1.0, 2 * tried.scale),
-            state=state,
+            course=self._method.advance(self._design, found, tried.more, tried.course, warm),
             last=found.values,
             equilibrium=warm,
             seconds=float(history.row(-1)["seconds"]),
@@ -169,10 +165,10 @@ class Loop:
 
     def finish(self, run: Run, history: History) -> Run:
         """Gives the design after the last update its chance to be the best one."""
-        tried, objection = self._try(run, run.scale, 0)
+        tried, objection = self._try(run, run.course, 0)
         run = run if objection is not None else self._better(run, tried)
         if self._warm_start != "rest":
-            self._gap(strong(self._design.free(run.best)), run.best_loss, history, "for the best design")
+            self._gap(run, strong(self._design.free(run.best)), run.best_loss, history, "for the best design")
         return run
 
     def result(self, run: Run, history: History, stopped: str) -> FitResult:
@@ -186,12 +182,12 @@ class Loop:
             last_problem=last,
             history=history,
             stopped=stopped,
-            state=run.state,
+            state=run.course.state,
         )
 
     def identity(self, values: dict[str, Array], state: Any) -> dict[str, Any]:
         """What a checkpoint must agree with to be one of this fit, in groups."""
-        choices = {"warm_start": self._warm_start}
+        choices = {"warm_start": self._warm_start, **self._method.choices()}
         if self._warm_start != "rest":
             choices["check_every"] = str(self._check_every)
         return {
@@ -208,7 +204,7 @@ class Loop:
         header = {
             "names": self._design.names,
             "step": run.step,
-            "scale": run.scale,
+            "scale": run.course.scale,
             "best_loss": run.best_loss,
             "best_step": run.best_step,
             "seconds": run.seconds,
@@ -223,15 +219,12 @@ class Loop:
         belongs(stored, identity)
         header = stored.header
         if self._warm_start != "rest":
-            shapes = eqx.filter_eval_shape(evaluate, self._design, like.anchor, None)
+            shapes = eqx.filter_eval_shape(self._method.evaluate, self._design, like.course.anchor, None)
             like = like._replace(equilibrium=shapes.equilibrium, best_equilibrium=shapes.equilibrium)
         best, last, anchor, update, state, equilibrium, best_equilibrium = stored.restore(_arrays(like))
         run = Run(
             step=header["step"],
-            anchor=anchor,
-            update=update,
-            scale=header["scale"],
-            state=state,
+            course=Course(anchor, update, header["scale"], state),
             last=last,
             best=best,
             best_loss=header["best_loss"],
@@ -242,30 +235,36 @@ class Loop:
         )
         return run, History(header["history"])
 
-    def _try(self, run: Run, scale: float, refused: int) -> tuple[Tried, str | None]:
-        free = move(run.anchor, run.update, jnp.asarray(np.float64(scale)))
+    def _try(self, run: Run, course: Course, refused: int) -> tuple[Tried, str | None]:
+        free = self._method.propose(course)
         start = run.equilibrium
         if start is not None and self._warm_start == "predicted":
-            start = predict(self._design, run.anchor, free, start)
-        tried, objection = self._evaluate(free, start, scale, refused)
+            start = predict(self._design, course.anchor, free, start)
+        tried, objection = self._evaluate(free, start, course, refused)
         if objection is not None and start is not None:
-            tried, objection = self._evaluate(free, None, scale, refused)
+            tried, objection = self._evaluate(free, None, course, refused)
         return tried, objection
 
-    def _evaluate(self, free: dict[str, Array], start: Any, scale: float, refused: int) -> tuple[Tried, str | None]:
-        found = evaluate(self._design, free, start)
-        scalars = (found.loss, found.terms, {"gradient_norm": found.gradient_norm, **found.diagnostics})
+    def _evaluate(
+        self, free: dict[str, Array], start: Any, course: Course, refused: int = 0
+    ) -> tuple[Tried, str | None]:
+        found = self._method.evaluate(self._design, free, start)
+        scalars = (found.loss, found.terms, found.diagnostics)
         loss, terms, others = jax.tree.map(lambda x: x.item(), jax.device_get(scalars))
-        tried = Tried(found, loss, terms, others, start, scale, refused)
+        tried = Tried(found, loss, terms, others, start, course, refused)
         if self._refuses_unconverged and not others.get("converged", True):
             left = others["relaxation_gradient_norm"]
             return tried, f"the relaxation did not converge (|∇E| = {left:.3g}; {found.equilibrium.result})"
         if not np.isfinite(loss):
             return tried, f"the loss is {loss}"
-        if not np.isfinite(others["gradient_norm"]):
-            names = [name for name, g in found.gradient.items() if not np.isfinite(np.asarray(g)).all()]
-            return tried, f"the gradient is not finite in {', '.join(names)}"
-        return tried, None
+        return tried, _not_finite(found)
+
+    def _completed(self, tried: Tried) -> tuple[Tried, str | None]:
+        """An acceptable design with its gradient, and whatever its method wants to know for going on."""
+        found, more = self._method.complete(self._design, tried.found, tried.course)
+        assert found.gradient_norm is not None
+        others = {"gradient_norm": found.gradient_norm.item(), **tried.others}
+        return tried._replace(found=found, more=more, others=others), _not_finite(found)
 
     def _better(self, run: Run, tried: Tried) -> Run:
         if not tried.loss < run.best_loss:
@@ -280,8 +279,8 @@ class Loop:
     def _kept(self, found: Evaluation) -> Any:
         return None if self._warm_start == "rest" else found.equilibrium
 
-    def _gap(self, free: dict[str, Array], loss: float, history: History, place: str) -> float:
-        rest, objection = self._evaluate(free, None, 1.0, 0)
+    def _gap(self, run: Run, free: dict[str, Array], loss: float, history: History, place: str) -> float:
+        rest, objection = self._evaluate(free, None, run.course)
         if objection is not None:
             return float("nan")
         if abs(loss - rest.loss) > max(_PARTED * abs(rest.loss), _ZERO * abs(history.row(0)["loss"])):
@@ -302,4 +301,12 @@ class Loop:
 
 def _arrays(run: Run) -> tuple:
     # The first two are all that `load_checkpoint` reads.
-    return run.best, run.last, run.anchor, run.update, run.state, run.equilibrium, run.best_equilibrium
+    course = run.course
+    return run.best, run.last, course.anchor, course.update, course.state, run.equilibrium, run.best_equilibrium
+
+
+def _not_finite(found: Evaluation) -> str | None:
+    if found.gradient is None or found.gradient_norm is None or np.isfinite(found.gradient_norm.item()):
+        return None
+    names = [name for name, g in found.gradient.items() if not np.isfinite(np.asarray(g)).all()]
+    return f"the gradient is not finite in {', '.join(names)}"

@@ -13,16 +13,26 @@ from ._design import Design
 
 
 class Evaluation(eqx.Module):
-    """A design and what was found there. `diagnostics` are the scalars of the relaxation, none where there was none."""
+    """A design and what was found there. The gradient is absent where it was not asked for; `diagnostics` are the
+    scalars of the relaxation, none where there was none."""
 
     free: dict[str, Array]
     values: dict[str, Array]
     loss: Scalar
     terms: dict[str, Scalar]
-    gradient: dict[str, Array]
-    gradient_norm: Scalar
+    gradient: dict[str, Array] | None
+    gradient_norm: Scalar | None
     equilibrium: Any
     diagnostics: dict[str, Scalar]
+
+
+@eqx.filter_jit
+def assess(design: Design, free: dict[str, Array], start: Any) -> Evaluation:
+    """The loss at the optimiser's variables without its derivative, relaxed from an equilibrium or (`None`) from
+    rest."""
+    values = design.values(free)
+    loss, (terms, equilibrium) = design.problem(values).objective(start=start)
+    return Evaluation(free, values, loss, terms, None, None, equilibrium, _diagnostics(equilibrium))
 
 
 @eqx.filter_jit
@@ -35,16 +45,8 @@ def evaluate(design: Design, free: dict[str, Array], start: Any) -> Evaluation:
         return loss, (values, terms, equilibrium)
 
     (loss, (values, terms, equilibrium)), gradient = eqx.filter_value_and_grad(objective, has_aux=True)(free)
-    diagnostics = {}
-    if equilibrium is not None:
-        diagnostics = {
-            "solver_steps": equilibrium.steps,
-            "relaxation_gradient_norm": equilibrium.gradient_norm,
-            "converged": equilibrium.converged,
-            "stable": equilibrium.stable,
-        }
     norm = optax.tree.norm(gradient)
-    return Evaluation(free, values, loss, terms, gradient, norm, equilibrium, diagnostics)
+    return Evaluation(free, values, loss, terms, gradient, norm, equilibrium, _diagnostics(equilibrium))
 
 
 @eqx.filter_jit
@@ -87,6 +89,17 @@ def predict(design: Design, anchor: dict[str, Array], free: dict[str, Array], eq
     shape_there, motion = jax.jvp(shape, (anchor,), (step,))
     moved = jax.tree.map(jnp.add, shape_there, motion)
     return eqx.tree_at(lambda e: (e.vertices, e.directors), equilibrium, moved, is_leaf=lambda node: node is None)
+
+
+def _diagnostics(equilibrium: Any) -> dict[str, Scalar]:
+    if equilibrium is None:
+        return {}
+    return {
+        "solver_steps": equilibrium.steps,
+        "relaxation_gradient_norm": equilibrium.gradient_norm,
+        "converged": equilibrium.converged,
+        "stable": equilibrium.stable,
+    }
 
 
 def strong(tree: Any) -> Any:

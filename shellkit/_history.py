@@ -24,6 +24,9 @@ class History(Mapping[str, np.ndarray]):
     - `converged`, `stable`: what the relaxation said of itself.
     - `refused`: how many designs were tried and refused before this one was accepted; 0 as a rule.
     - `update_scale`: the part of the optimiser's update that led here: 1 unless designs were refused lately.
+    - with a least-squares solver, in place of `update_scale`: `control`, the damping, the part of the Gauss–Newton step
+        or the radius of the dogleg with which the design was reached (NaN at the start), and `products`, how many pairs
+        of products with the Jacobian and its transpose were made there.
     - `seconds`: wall time since the fit began, compilation included and earlier runs of a resumed fit counted.
     - `warm_gap` (with warm starts only): the loss less the loss when relaxed from rest; NaN where that was not checked.
 
@@ -121,8 +124,9 @@ class FitResult:
     - `equilibrium`: its equilibrium, if the fit was warm-started: from rest, `problem()` may find another. Else `None`.
     - `last_problem`: the problem with the design of the last row.
     - `history`: the record of all steps, see [`shellkit.History`][].
-    - `stopped`: why the fit ended: `"steps"` (all done), `"plateau"`, `"callback"`, `"seconds"`, `"refused"` (too many
-        designs refused in a row) or `"interrupted"` (Ctrl-C). `"running"` in a checkpoint of a fit that was killed.
+    - `stopped`: why the fit ended: `"steps"` (all done), `"converged"` (by the tolerances of a least-squares solver),
+        `"plateau"`, `"callback"`, `"seconds"`, `"refused"` (too many designs refused in a row) or `"interrupted"`
+        (Ctrl-C). `"running"` in a checkpoint of a fit that was killed.
     - `state`: the optimiser's state after the last update; `None` from [`shellkit.load_checkpoint`][].
     """
 

@@ -24,9 +24,11 @@ from ._precision import require_x64
 from ._rest import RestShape
 from ._solve.adjoint import differentiable_minimum
 from ._solve.choose import default_direct_solver
+from ._solve.direct import AbstractSparseSolver
 from ._solve.motions import coordinates_to_hold, hold, orthonormal
 from ._solve.newton import NewtonState, SparseNewton
 from ._solve.operator import SparseSymmetric
+from ._solve.response import responding_minimum
 from ._supports import Supports
 from ._symmetries import FreeMotions, free_motions
 
@@ -200,17 +202,10 @@ class InverseProblem(eqx.Module):
             throw=False,
         )
         newton = isinstance(solution.state, NewtonState)
-        linear_solver = self.solver.linear_solver if isinstance(self.solver, SparseNewton) else default_direct_solver()
+        linear_solver = self._linear_solver()
         factored = (solution.state.factor, solution.state.held) if newton else None
         y = differentiable_minimum(energy, solution.value, motions, linear_solver, factored)
-        vertices, directors = energy.state(y)
-        reactions = None
-        if self.assembly.free is not None:
-            held = energy.full_gradient(y).at[self.assembly.free].set(0.0)
-            reactions, _ = self.assembly.split(held)
-        if motions is not None and motions.all_rigid:
-            # The pose is that nearest to the start: no net translation or rotation of the displacement.
-            vertices = Kabsch()(vertices, self.mesh.vertices)
+        vertices, directors, reactions = self._posed(energy, y)
         return self._report(still, solution, vertices, directors, reactions, motions, linear_solver)
 
     def _report(self, energy, solution, vertices, directors, reactions, motions, linear_solver) -> Equilibrium:
@@ -269,6 +264,46 @@ class InverseProblem(eqx.Module):
         value, (terms, _) = self.objective()
         return value, terms
 
+    def residuals(self, equilibrium: Equilibrium) -> Float[Array, " m"]:
+        """The numbers whose squares sum to the loss, at an equilibrium of this problem that was found before: what
+        [`shellkit.fit`][] trains on with a least-squares solver.
+
+        Nothing is relaxed. The first derivative, in any array of the problem, goes through the equilibrium; the Hessian
+        is factorised once, and each product with the Jacobian (`jax.linearize`) or its transpose
+        (`jax.linear_transpose`) is then one sweep. Second derivatives would be wrong.
+
+        **Arguments:**
+
+        - `equilibrium`: of this problem at its present arrays, as `objective` returns it.
+
+        **Raises:**
+
+        `ValueError` if there is no loss, or if it is no sum of squares; the message names the terms that are not.
+        """
+        if self.loss is None:
+            raise ValueError("This InverseProblem has no loss: give it one, such as loss=sk.VertexDistance(target).")
+        if self.loss.needs_shape:
+            energy = self.discrete_energy()
+            y = self.assembly.restrict(self.assembly.join(equilibrium.vertices, equilibrium.directors))
+            motions = None if self.motions is None else _stop(self.motions)
+            y = responding_minimum(energy, y, motions, self._linear_solver())
+            equilibrium = eqx.tree_at(
+                lambda e: (e.vertices, e.directors, e.reactions, e.rest, e.mesh),
+                equilibrium,
+                (*self._posed(energy, y), self.rest_shape(), self.mesh),
+                is_leaf=lambda x: x is None,
+            )
+        else:
+            equilibrium = self.unrelaxed()
+        found = self.loss.residuals(equilibrium, self.actuation)
+        if found is None:
+            other = [term.name for term in self.loss.terms_without_residuals(equilibrium, self.actuation)]
+            raise ValueError(
+                f"The loss is no sum of squares: {', '.join(other)} gives no residuals. Make it a LeastSquaresLoss, or "
+                "train with an optax optimiser."
+            )
+        return found
+
     def unrelaxed(self) -> Equilibrium:
         """The surface at rest as an equilibrium that nothing was done to: for losses that do not look at the shape."""
         zero, yes = jnp.zeros(()), jnp.array(True)
@@ -308,6 +343,21 @@ class InverseProblem(eqx.Module):
         supports = None if self.supports is None else self.supports.at(progress)
         parts = (self.actuation.at(progress), self.energy.at(progress), supports)
         return eqx.tree_at(lambda p: (p.actuation, p.energy, p.supports), self, parts, is_leaf=lambda x: x is None)
+
+    def _linear_solver(self) -> AbstractSparseSolver:
+        return self.solver.linear_solver if isinstance(self.solver, SparseNewton) else default_direct_solver()
+
+    def _posed(self, energy: DiscreteEnergy, y: Float[Array, " n"]) -> tuple[Array, Array | None, Array | None]:
+        """Positions, directors and reactions at the free unknowns, in a pose that is defined."""
+        vertices, directors = energy.state(y)
+        reactions = None
+        if self.assembly.free is not None:
+            held = energy.full_gradient(y).at[self.assembly.free].set(0.0)
+            reactions, _ = self.assembly.split(held)
+        if self.motions is not None and self.motions.all_rigid:
+            # The pose is that nearest to the start: no net translation or rotation of the displacement.
+            vertices = Kabsch()(vertices, self.mesh.vertices)
+        return vertices, directors, reactions
 
     def _step_limit(self) -> int:
         if self.max_steps is not None:

@@ -96,6 +96,10 @@ class Loss(eqx.Module):
         shares = [value if weight is None else weight * value for weight, value in zip(weights, values, strict=True)]
         return _total(shares), dict(zip(_distinct(loss.name for loss in losses), values, strict=True))
 
+    def terms_without_residuals(self, equilibrium: Equilibrium, actuation: Actuation) -> list["Loss"]:
+        """The terms of the loss that are no sums of squares; none of a loss that has `residuals`."""
+        return [loss for _, loss in _parts(self) if loss.residuals(equilibrium, actuation) is None]
+
     def __add__(self, other: "Loss") -> "SumOfLosses":
         return SumOfLosses((self, other)) if isinstance(other, Loss) else NotImplemented
 

@@ -1,0 +1,57 @@
+"""The linear response of a minimum to its parameters, for many products at one design: the Hessian is factorised once,
+at the minimum itself, and each product is then one sweep with that factor."""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from .direct import AbstractSparseSolver
+from .motions import coordinates_to_hold, hold, orthonormal
+from .newton import solve_held
+
+
+def responding_minimum(
+    energy: Any,
+    y: Float[Array, " n"],
+    motions: Callable[[Array], Array] | None,
+    linear_solver: AbstractSparseSolver,
+) -> Float[Array, " n"]:
+    r"""The minimum `y` of `energy`, with its first derivative in the arrays of `energy`.
+
+    $$y - H(y)^{+} \nabla E(y; \theta)$$
+
+    with $y$ and $H$ not differentiated: a step of Newton's from the minimum, so it does not move, but its derivative is
+    the implicit one. Under `jax.linearize` all but the sweep is done once, which is what makes it cheaper than
+    `differentiable_minimum` when many products are wanted at one design; for a single gradient that one is better, as
+    it need not factorise. Second derivatives would be wrong.
+
+    **Arguments:**
+
+    - `energy`: a module with `gradient(y)` and a sparse `hessian(y)`.
+    - `y`: where its gradient vanishes.
+    - `motions`: `y -> ` motions that cost nothing, shape (n, k), or `None`.
+    - `linear_solver`: of sparse symmetric systems. Products under `jax.vmap` are handed to it together.
+
+    **Returns:**
+
+    `y`, polished; NaN if the Hessian is singular there.
+    """
+    y = jax.lax.stop_gradient(y)
+    still = jax.tree.map(lambda leaf: jax.lax.stop_gradient(leaf) if eqx.is_inexact_array(leaf) else leaf, energy)
+    hessian = still.hessian(y)
+    basis = held = None
+    if motions is not None:
+        basis = orthonormal(motions(y))
+        held = coordinates_to_hold(basis)
+        hessian = hold(hessian, held)
+    factor = linear_solver.factorise(hessian)
+
+    def solve(_, rhs):
+        return solve_held(linear_solver, factor, basis, held, rhs)
+
+    correction = jax.lax.custom_linear_solve(hessian.mv, energy.gradient(y), solve, symmetric=True)
+    return jnp.where(factor.ok, y - correction, jnp.nan)
