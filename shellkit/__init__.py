@@ -51,6 +51,7 @@ from ._fabrication import (
     thicken as thicken,
 )
 from ._fit import fit as fit
+from ._fit_many import ManyFits as ManyFits, fit_many as fit_many
 from ._geometry.curvature import (
     angle_defects as angle_defects,
     dihedral_angles as dihedral_angles,

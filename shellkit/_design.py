@@ -154,6 +154,17 @@ def selected(problem: Any, where: Callable[[Any], PyTree], what: str, inexact_on
 
 
 @dataclass(frozen=True)
+class Named:
+    """Picks arrays from a problem by their names: a `where` that can be sent to another process."""
+
+    names: tuple[str, ...]
+
+    def __call__(self, problem: Any) -> list[Any]:
+        found = {_name(path): leaf for path, leaf in jax.tree_util.tree_leaves_with_path(problem)}
+        return [found[name] for name in self.names]
+
+
+@dataclass(frozen=True)
 class _Mark:
     name: str
 
