@@ -20,6 +20,8 @@ from ._align import (
     Similarity as Similarity,
 )
 from ._analysis import (
+    Hausdorff as Hausdorff,
+    hausdorff as hausdorff,
     Modes as Modes,
     TaylorReport as TaylorReport,
     taylor_test as taylor_test,
@@ -71,8 +73,10 @@ from ._geometry.surface import (
     vertex_areas as vertex_areas,
 )
 from ._history import FitResult as FitResult, FitStep as FitStep, History as History
+from ._icp import ICP as ICP
 from ._loss import (
     Area as Area,
+    Chamfer as Chamfer,
     DirectorSmoothness as DirectorSmoothness,
     FoldPenalty as FoldPenalty,
     GaussCurvature as GaussCurvature,
@@ -80,9 +84,11 @@ from ._loss import (
     LeastSquaresLoss as LeastSquaresLoss,
     Loss as Loss,
     MeanCurvature as MeanCurvature,
+    PointToSurface as PointToSurface,
     Sphericity as Sphericity,
     StrainLimit as StrainLimit,
     SumOfLosses as SumOfLosses,
+    Varifold as Varifold,
     VertexDistance as VertexDistance,
     Volume as Volume,
     WeightedLoss as WeightedLoss,
@@ -106,3 +112,4 @@ from ._supports import (
     Supports as Supports,
     Symmetry as Symmetry,
 )
+from ._transfer import transfer_directors as transfer_directors, transfer_face_values as transfer_face_values

@@ -1,5 +1,7 @@
 """What can be asked of a problem besides its solution: how it vibrates, and whether its derivatives are right."""
 
+from .hausdorff import Hausdorff as Hausdorff
+from .hausdorff import hausdorff as hausdorff
 from .modes import Modes as Modes
 from .modes import vibration_modes as vibration_modes
 from .taylor import TaylorReport as TaylorReport

@@ -47,6 +47,16 @@ def face_normals(vertices: Float[Array, "V 3"], mesh: Mesh) -> Float[Array, "F 3
     return unit(jnp.cross(u, v))
 
 
+def vertex_normals(vertices: Float[Array, "V 3"], mesh: Mesh) -> Float[Array, "V 3"]:
+    """Unit normal of each vertex: the normals of its faces, weighted by area. Zero where these cancel."""
+    u, v = edge_vectors(vertices, mesh)
+    doubled = jnp.cross(u, v)
+    total = jnp.zeros_like(vertices)
+    for corner in range(3):
+        total = total.at[mesh.faces[:, corner]].add(doubled)
+    return unit(total)
+
+
 def face_areas(vertices: Float[Array, "V 3"], mesh: Mesh) -> Float[Array, " F"]:
     r"""Area of each face, $\tfrac12 |u \times v|$.
 

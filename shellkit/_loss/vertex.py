@@ -43,7 +43,7 @@ class VertexDistance(LeastSquaresLoss):
     def __init__(
         self, target: ArrayLike | Sequence, aligner: Aligner = Kabsch(), weights: ArrayLike | Sequence | None = None
     ):
-        self.target = _checked_positions("VertexDistance: target", target)
+        self.target = checked_positions("VertexDistance: target", target)
         self.aligner = aligner
         self.weights = None if weights is None else checked_weights("VertexDistance", weights)
 
@@ -100,7 +100,7 @@ class LandmarkDistance(LeastSquaresLoss):
 
     def __init__(self, indices: ArrayLike | Sequence, positions: ArrayLike | Sequence, aligner: Aligner = Kabsch()):
         self.indices = jnp.asarray(indices)
-        self.positions = _checked_positions("LandmarkDistance: positions", positions)
+        self.positions = checked_positions("LandmarkDistance: positions", positions)
         self.aligner = aligner
         if not jnp.issubdtype(self.indices.dtype, jnp.integer) or self.indices.shape != self.positions.shape[:1]:
             raise ValueError(
@@ -128,7 +128,7 @@ class LandmarkDistance(LeastSquaresLoss):
         return not self.aligner.removes_motion
 
 
-def _checked_positions(what: str, positions: ArrayLike | Sequence) -> Float[Array, "n 3"]:
+def checked_positions(what: str, positions: ArrayLike | Sequence) -> Float[Array, "n 3"]:
     positions = jnp.asarray(positions, dtype=float)
     if positions.ndim != 2 or positions.shape[1] != 3 or not positions.shape[0]:
         raise ValueError(f"{what} has shape {positions.shape}; give one row of three coordinates each, shape (n, 3).")

@@ -2,7 +2,7 @@
 Equinox module, so that a mesh passes through `jit`, `grad` and `vmap` and its vertices can be trained."""
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import equinox as eqx
 import jax
@@ -207,34 +207,57 @@ class Mesh(eqx.Module):
         """
         return Mesh(self.vertices, _host_faces(self.faces)[:, [1, 0, 2]], self.vertex_data, self.face_data)
 
-    def refine(self) -> "Mesh":
-        """Splits every face into four at the midpoints of its edges; the surface stays the same set of points.
+    def refine(self, project: Callable[[Float[Array, "n 3"]], ArrayLike] | None = None) -> "Mesh":
+        """Splits every face into four at the midpoints of its edges; the surface stays the same set of points, unless the
+        new vertices are moved onto another one.
 
         Face `f` becomes the faces `4 * f + k`: one at each corner, then the middle one. Each has its first edge
         parallel to that of `f`, so that face data repeated four times over keep their meaning, angles of directors
         included (in the middle face the edge runs the other way). Vertices keep their index, and `V + e` is the
         midpoint of edge `e`. Vertex data of floating type are interpolated; of whole numbers and flags a midpoint takes
-        the lower of its edge's ends, so that a flag is set where both are.
+        the lower of its edge's ends, so that a flag is set where both are. `prolong` does the same for one more field.
+
+        **Arguments:**
+
+        - `project`: a function from the midpoints, shape `(n, 3)`, to where they should be, as onto a sphere: `lambda p:
+            p / jnp.linalg.norm(p, axis=1, keepdims=True)`.
         """
         a, b, c = _host_faces(self.faces).T
         bc, ca, ab = (self.n_vertices + np.asarray(self.face_edges)).T
         children = np.stack([a, ab, ca, ab, b, bc, ca, bc, c, bc, ca, ab], axis=1).reshape(-1, 3)
-        tails, heads = np.asarray(self.edges).T
-
-        def with_midpoints(values):
-            xp = jnp if isinstance(values, Tracer) else np  # numpy has nothing to compile
-            values = xp.asarray(values)
-            middle = xp.minimum(values[tails], values[heads])
-            if jnp.issubdtype(values.dtype, jnp.inexact):
-                middle = (values[tails] + values[heads]) / 2
-            return xp.concatenate([values, middle])
-
+        points = self.prolong(self.vertices)
+        if project is not None:
+            points = jnp.concatenate([points[: self.n_vertices], jnp.asarray(project(points[self.n_vertices :]))])
         return Mesh(
-            with_midpoints(self.vertices),
+            points,
             children,
-            {name: with_midpoints(values) for name, values in self.vertex_data.items()},
+            {name: self.prolong(values) for name, values in self.vertex_data.items()},
             {name: jnp.repeat(values, 4, axis=0) for name, values in self.face_data.items()},
         )
+
+    def prolong(self, values: ArrayLike) -> Array:
+        """A field on the vertices of this mesh as one on those of `refine()`.
+
+        **Arguments:**
+
+        - `values`: one row a vertex, shape `(V, ...)`, such as the positions of an equilibrium.
+
+        **Returns:** an array of shape `(V + E, ...)`: the values themselves, then those at the midpoints of the edges: the
+        mean of both ends for floating types, the lower of both for whole numbers and flags.
+
+        **Raises:** `ValueError` for another number of rows.
+        """
+        xp = jnp if isinstance(values, Tracer) else np  # numpy has nothing to compile
+        values = xp.asarray(values)
+        if values.ndim < 1 or values.shape[0] != self.n_vertices:
+            raise ValueError(
+                f"the field has shape {values.shape}; expected ({self.n_vertices}, ...), one row a vertex."
+            )
+        tails, heads = np.asarray(self.edges).T
+        middle = xp.minimum(values[tails], values[heads])
+        if jnp.issubdtype(values.dtype, jnp.inexact):
+            middle = (values[tails] + values[heads]) / 2
+        return jnp.asarray(xp.concatenate([values, middle]))
 
     def quality(self) -> MeshQuality:
         """Measures the mesh, on the host: angles, areas, aspect ratios, topology, orientation. Print the result."""

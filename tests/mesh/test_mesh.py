@@ -115,6 +115,16 @@ def test_refining_quarters_each_face_where_it_is(mesh):
     assert fine.quality().euler_characteristic == mesh.quality().euler_characteristic
 
 
+def test_refining_onto_another_surface_moves_the_midpoints_only():
+    coarse = meshes.icosphere(1)
+    fine = coarse.refine(project=lambda p: p / jnp.linalg.norm(p, axis=1, keepdims=True))
+    assert jnp.array_equal(fine.vertices[: coarse.n_vertices], coarse.vertices)
+    assert jnp.allclose(jnp.linalg.norm(fine.vertices, axis=1), 1, atol=1e-15)
+    assert jnp.array_equal(coarse.prolong(coarse.vertices), coarse.refine().vertices)
+    with pytest.raises(ValueError, match=r"shape \(5, 3\); expected \(42, ...\)"):
+        coarse.prolong(np.zeros((5, 3)))
+
+
 def test_boundary_loops_keep_the_surface_to_their_left():
     mesh = meshes.annulus(0.5, 1.0, 0.2)
     loops = mesh.boundary_loops()

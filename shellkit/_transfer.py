@@ -1,0 +1,93 @@
+"""Fields of faces carried from one mesh to another, such as from a coarse mesh to a fine one."""
+
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+from jaxtyping import Array, ArrayLike, Float
+
+from ._geometry.closest import closest_points, interpolate
+from ._geometry.directors import directors
+from ._geometry.surface import face_areas, face_frames
+from ._mesh.mesh import Mesh
+
+
+def transfer_directors(
+    source: Mesh, angles: ArrayLike | Sequence, target: Mesh, smooth: bool = True
+) -> Float[Array, " F"]:
+    r"""Director angles on one mesh from those on another that lies on, or near, the same surface.
+
+    Each face of the target takes the director at the point of the source that is nearest to its centroid. Directors
+    are carried as tensors $Q = d \otimes d$ in space, never as angles: an angle is counted from another edge on another
+    mesh, and has no head. $Q$ is projected on the plane of the new face, and its larger principal direction taken.
+
+    For a mesh and its own [`shellkit.Mesh.refine`][] with `smooth=False`, the angles stay exactly what they are on
+    face data.
+
+    **Arguments:**
+
+    - `source`: the mesh that the directors are on; its place is that of `source.vertices`.
+    - `angles`: one a face of the source, shape `(F_source,)`, radians from its first edge; see
+        [`shellkit.director_angles`][].
+    - `target`: the mesh to carry them to.
+    - `smooth`: whether $Q$ is averaged onto the vertices and interpolated. This rounds the steps between coarse faces,
+        and blurs defects over one of them; without it, each new face takes the director of the nearest one.
+
+    **Returns:**
+
+    Angles on the target, shape `(F_target,)`, in $[-\pi/2, \pi/2]$. Differentiable in the given ones; undefined, and
+    given as some number, where the average has no direction, at the heart of a defect.
+
+    **Raises:**
+
+    `ValueError` for angles that do not fit the source.
+    """
+    direction = directors(source, angles)
+    tensors = (direction[:, :, None] * direction[:, None, :]).reshape(-1, 9)
+    here = transfer_face_values(source, tensors, target, smooth).reshape(-1, 3, 3)
+    e1, e2 = face_frames(target.vertices, target)
+    q11, q12, q22 = (jnp.einsum("fi,fij,fj->f", a, here, b) for a, b in ((e1, e1), (e1, e2), (e2, e2)))
+    return 0.5 * jnp.arctan2(2 * q12, q11 - q22)
+
+
+def transfer_face_values(
+    source: Mesh, values: ArrayLike | Sequence, target: Mesh, smooth: bool = True
+) -> Float[Array, "F *k"]:
+    """Face data on one mesh from those on another that lies on, or near, the same surface: numbers such as stretches.
+
+    For what is told by the edges of a face, a director or a form, this is not meant: see
+    [`shellkit.transfer_directors`][].
+
+    **Arguments:**
+
+    - `source`: the mesh that the values are on.
+    - `values`: one row a face of the source, shape `(F_source, ...)`.
+    - `target`: the mesh to carry them to.
+    - `smooth`: whether the values are averaged onto the vertices, by area, and interpolated at the point nearest to the
+        centroid of each new face; if not, the value of the nearest face is taken.
+
+    **Returns:**
+
+    An array of shape `(F_target, ...)`, linear in the values.
+
+    **Raises:**
+
+    `ValueError` for values that do not fit the source.
+    """
+    values = jnp.asarray(values, dtype=float)
+    if values.ndim < 1 or values.shape[0] != source.n_faces:
+        raise ValueError(
+            f"transfer: the values have shape {values.shape}, but the source mesh has {source.n_faces} faces; give one "
+            "row for each."
+        )
+    centroids = jnp.mean(target.vertices[target.faces], axis=1)
+    closest = closest_points(centroids, source.vertices, source.faces)
+    if not smooth:
+        return values[closest.faces]
+    areas = face_areas(source.vertices, source)
+    rows = values.reshape(source.n_faces, -1)
+    sums = jnp.zeros((source.n_vertices, rows.shape[1] + 1), rows.dtype)
+    weighted = areas[:, None] * jnp.column_stack([rows, jnp.ones(source.n_faces)])
+    for corner in range(3):
+        sums = sums.at[source.faces[:, corner]].add(weighted)
+    on_vertices = sums[:, :-1] / sums[:, -1:]
+    return interpolate(on_vertices, source.faces, closest.faces, closest.weights).reshape(-1, *values.shape[1:])
