@@ -2,10 +2,8 @@
 
 from dataclasses import dataclass
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import ArrayLike, Float
+from jaxtyping import ArrayLike
 
 from .._geometry.closest import host_closest, search_faces
 from .._mesh.mesh import Mesh

@@ -39,7 +39,8 @@ class PointToSurface(LeastSquaresLoss):
 
     - `target`: the surface wanted.
     - `both_ways`: whether the target's vertices are measured to the relaxed surface as well.
-    - `normals`: the length $\ell$ that a difference of normals of one counts as, in the vertices' unit; `None` for none.
+    - `normals`: the length $\ell$ that a difference of normals of one counts as, in the vertices' unit; `None` for
+        none.
     - `aligner`: how the relaxed vertices are laid upon the target; by default `ICP(target.faces)`.
 
     **Returns:**

@@ -29,12 +29,12 @@ class Varifold(Loss):
     T\rangle_k}, \qquad \langle S, T\rangle_k = \sum_{f \in S} \sum_{f' \in T} e^{-|c_f - c_{f'}|^2 / \sigma_k^2}\,
     \gamma(n_f \cdot n_{f'})\, A_f A_{f'},$$
 
-    with the centroids $c$, unit normals $n$ and areas $A$ of the faces, and $\gamma(s) = \bigl(\tfrac{1 + s}2\bigr)^2$
-    (oriented) or $s^2$, and widths $\sigma_k = 2^{1 - k} \sigma_1$. A width says how far apart two patches may lie and still see each other: large ones
-    guide from afar, small ones show detail. Details and triangles below the least width are not seen, and with widths
-    all below the distance of the surfaces there is no gradient. The sum over pairs of faces goes in blocks, so that
-    memory stays small; the time grows with the product of the numbers of faces. Halves of a width need no further
-    exponentials.
+    with the centroids $c$, unit normals $n$ and areas $A$ of the faces, $\gamma(s) = \bigl(\tfrac{1 + s}2\bigr)^2$
+    (oriented) or $s^2$, and widths $\sigma_k = 2^{1 - k} \sigma_1$. A width says how far apart two patches may lie and
+    still see each other: large ones guide from afar, small ones show detail. Details and triangles below the least
+    width are not seen, and with widths all below the distance of the surfaces there is no gradient. The sum over pairs
+    of faces goes in blocks, so that memory stays small; the time grows with the product of the numbers of faces.
+    Halves of a width need no further exponentials.
 
     Smooth everywhere but where a face has no area. The target and the widths are taken as fixed: their derivative is
     zero.
@@ -55,7 +55,8 @@ class Varifold(Loss):
 
     **Raises:**
 
-    `ValueError` for a width that is not a positive number, or no scales; when checked, for an aligner that does not fit.
+    `ValueError` for a width that is not a positive number, or no scales; when checked, for an aligner that does not
+    fit.
 
     ??? cite
 
@@ -152,7 +153,7 @@ def _product_jvp(primals, tangents):
 
 @jax.custom_jvp
 def _own_product(patches: Float[Array, "n 7"], kernel: _Kernel) -> Scalar:
-    """The inner product of a varifold with itself: being symmetric, it changes as twice the product with a still one."""
+    """The inner product of a varifold with itself. Being symmetric, it changes as twice that with a still one."""
     return _product_and_slope(patches, patches, kernel)[0]
 
 
