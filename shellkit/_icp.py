@@ -2,7 +2,7 @@
 its derivative is that of a minimum, by the implicit function theorem."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -13,6 +13,7 @@ from jaxtyping import Array, ArrayLike, Float, Int, Scalar
 
 from ._align import Aligner, Motion, NoAlignment
 from ._geometry.closest import closest_points, nearest_points, normal_projections
+from ._papers import BESL_1992, POTTMANN_2006
 
 
 _DAMPING = 1e-3  # of the first step, relative to the mean curvature of the objective
@@ -51,6 +52,8 @@ class ICP(Aligner):
         Hu, "Geometry and convergence analysis of algorithms for registration of 3D shapes", International Journal of
         Computer Vision 67 (2006), 277.
     """
+
+    papers: ClassVar[tuple[str, ...]] = (BESL_1992, POTTMANN_2006)
 
     faces: Int[Array, "F 3"] | None
     start: Aligner

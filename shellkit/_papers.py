@@ -10,6 +10,24 @@ AHARONI_2014 = """@article{aharoni2014geometry,
     year = {2014},
 }"""
 
+BARROW_1977 = """@inproceedings{barrow1977parametric,
+    author = {Barrow, Harry G. and Tenenbaum, Jay M. and Bolles, Robert C. and Wolf, Helen C.},
+    title = {Parametric correspondence and chamfer matching: two new techniques for image matching},
+    booktitle = {Proceedings of the 5th International Joint Conference on Artificial Intelligence},
+    pages = {659--663},
+    year = {1977},
+}"""
+
+BESL_1992 = """@article{besl1992method,
+    author = {Besl, Paul J. and McKay, Neil D.},
+    title = {A method for registration of 3-{D} shapes},
+    journal = {IEEE Transactions on Pattern Analysis and Machine Intelligence},
+    volume = {14},
+    number = {2},
+    pages = {239--256},
+    year = {1992},
+}"""
+
 BRADBURY_2018 = """@software{bradbury2018jax,
     author = {Bradbury, James and Frostig, Roy and Hawkins, Peter and Johnson, Matthew James and Leary, Chris and
         Maclaurin, Dougal and Necula, George and Paszke, Adam and VanderPlas, Jake and Wanderman-Milne, Skye and
@@ -17,6 +35,16 @@ BRADBURY_2018 = """@software{bradbury2018jax,
     title = {{JAX}: composable transformations of {P}ython+{N}um{P}y programs},
     url = {https://github.com/jax-ml/jax},
     year = {2018},
+}"""
+
+CHARON_2013 = """@article{charon2013varifold,
+    author = {Charon, Nicolas and Trouv{\\'e}, Alain},
+    title = {The varifold representation of nonoriented shapes for diffeomorphic registration},
+    journal = {SIAM Journal on Imaging Sciences},
+    volume = {6},
+    number = {4},
+    pages = {2547--2580},
+    year = {2013},
 }"""
 
 CHEN_2008 = """@article{chen2008cholmod,
@@ -99,6 +127,14 @@ KABSCH_1976 = """@article{kabsch1976solution,
     year = {1976},
 }"""
 
+KALTENMARK_2017 = """@inproceedings{kaltenmark2017general,
+    author = {Kaltenmark, Ir{\\`e}ne and Charlier, Benjamin and Charon, Nicolas},
+    title = {A general framework for curve and surface comparison and registration with oriented varifolds},
+    booktitle = {IEEE Conference on Computer Vision and Pattern Recognition},
+    pages = {4580--4589},
+    year = {2017},
+}"""
+
 KIDGER_2021 = """@inproceedings{kidger2021equinox,
     author = {Kidger, Patrick and Garcia, Cristian},
     title = {{E}quinox: neural networks in {JAX} via callable {P}y{T}rees and filtered transformations},
@@ -118,6 +154,16 @@ NOCEDAL_2006 = """@book{nocedal2006numerical,
     title = {Numerical optimization},
     edition = {2},
     publisher = {Springer},
+    year = {2006},
+}"""
+
+POTTMANN_2006 = """@article{pottmann2006geometry,
+    author = {Pottmann, Helmut and Huang, Qi-Xing and Yang, Yong-Liang and Hu, Shi-Min},
+    title = {Geometry and convergence analysis of algorithms for registration of {3D} shapes},
+    journal = {International Journal of Computer Vision},
+    volume = {67},
+    number = {3},
+    pages = {277--296},
     year = {2006},
 }"""
 

@@ -28,11 +28,7 @@ LAYERS = [
     {"_precision", "_papers", "_citation"},
     {"_mesh", "_solve", "_align"},
     {"meshes", "_geometry"},
-<<<<<<< HEAD
-    {"_rest", "_supports"},
-=======
-    {"_rest", "_icp", "_transfer"},
->>>>>>> cb17c93 (Losses between surfaces of other connectivity, ICP, a Hausdorff report, transfer of director fields)
+    {"_rest", "_supports", "_icp", "_transfer"},
     {"_actuation", "_energy"},
     {"_equilibrium", "_symmetries"},
     {"_loss"},

@@ -164,7 +164,8 @@ def search_faces(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray) ->
     found = np.zeros(len(points), np.int32)
     known = np.isfinite(points).all(axis=1)
     if np.isfinite(vertices).all() and known.any():
-        found[known] = (_search_by_scipy if _igl() is None else _search_by_igl)(points[known], vertices, faces)
+        search = _search_by_scipy if (igl := _igl()) is None else igl.point_mesh_squared_distance
+        found[known] = search(points[known], vertices, faces.astype(np.int64))[1]
     return found
 
 
@@ -173,16 +174,14 @@ def _igl():
     return importlib.import_module("igl") if importlib.util.find_spec("igl") else None
 
 
-def _search_by_igl(points, vertices, faces):
-    return _igl().point_mesh_squared_distance(points, vertices, faces.astype(np.int64))[1]
-
-
 def _search_by_scipy(points, vertices, faces):
-    """A triangle lies within a ball about its centroid, so that none beyond a certain distance of centroids can be
+    """Squared distances and numbers of the nearest faces.
+
+    A triangle lies within a ball about its centroid, so that none beyond a certain distance of centroids can be
     nearer than the best found. Triangles are sorted by the size of their balls, since the largest decides how far to
     look.
     """
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     corners = vertices[faces]
     centroids = corners.mean(axis=1)
@@ -192,10 +191,11 @@ def _search_by_scipy(points, vertices, faces):
     nearest = np.zeros(len(points), np.int32)
     for octave in np.unique(size):
         members = np.flatnonzero(size == octave)
-        tree, reach = cKDTree(centroids[members]), radii[members].max()
+        tree, reach = KDTree(centroids[members]), radii[members].max()
         open_, asked, tested = np.arange(len(points)), min(_FIRST, len(members)), 0
         while len(open_):
-            distance, index = tree.query(points[open_], k=range(tested + 1, asked + 1))
+            answers = (np.reshape(part, (len(open_), asked)) for part in tree.query(points[open_], k=asked))
+            distance, index = (part[:, tested:] for part in answers)
             for row in range(0, len(open_), max(1, _PAIRS // (asked - tested))):
                 rows = slice(row, row + max(1, _PAIRS // (asked - tested)))
                 _take_nearer(points, open_[rows], members[index[rows]], distance[rows], radii, corners, best, nearest)
@@ -203,7 +203,7 @@ def _search_by_scipy(points, vertices, faces):
                 break
             open_ = open_[distance[:, -1] - reach < np.sqrt(best[open_])]
             tested, asked = asked, min(4 * asked, len(members))
-    return nearest
+    return best, nearest
 
 
 def _take_nearer(points, rows, candidates, distance, radii, corners, best, nearest):
@@ -225,11 +225,11 @@ def _search_faces(points, vertices, faces):
 
 
 def _search_points(points, target):
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     points, target = np.asarray(points), np.asarray(target)
     found = np.zeros(len(points), np.int32)
     known = np.isfinite(points).all(axis=1)
     if np.isfinite(target).all() and known.any():
-        found[known] = cKDTree(target).query(points[known])[1]
+        found[known] = KDTree(target).query(points[known])[1]
     return found

@@ -1,6 +1,7 @@
 """The Chamfer distance: between sets of points that know nothing of a surface."""
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -13,6 +14,7 @@ from .._equilibrium import Equilibrium
 from .._geometry.closest import nearest_points
 from .._icp import ICP
 from .._mesh.mesh import Mesh
+from .._papers import BARROW_1977
 from .base import LeastSquaresLoss
 from .vertex import checked_positions
 
@@ -45,6 +47,8 @@ class Chamfer(LeastSquaresLoss):
         H. G. Barrow, J. M. Tenenbaum, R. C. Bolles and H. C. Wolf, "Parametric correspondence and chamfer matching:
         two new techniques for image matching", Proceedings of IJCAI (1977), 659; here with squared distances.
     """
+
+    papers: ClassVar[tuple[str, ...]] = (BARROW_1977,)
 
     target: Float[Array, "m 3"]
     aligner: Aligner

@@ -1,5 +1,7 @@
 """The distance between surfaces of different connectivity, from the points of one to the nearest ones of the other."""
 
+from typing import ClassVar
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -14,6 +16,7 @@ from .._geometry.rowwise import unit
 from .._geometry.surface import vertex_areas, vertex_normals
 from .._icp import ICP
 from .._mesh.mesh import Mesh
+from .._papers import BESL_1992
 from .base import LeastSquaresLoss
 
 
@@ -57,6 +60,8 @@ class PointToSurface(LeastSquaresLoss):
         and Machine Intelligence 14 (1992), 239, for the distance; its derivative is that of the squared distance
         function, $2 (x - P(x))$.
     """
+
+    papers: ClassVar[tuple[str, ...]] = (BESL_1992,)
 
     target: Mesh
     both_ways: bool = eqx.field(static=True)

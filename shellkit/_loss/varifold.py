@@ -1,6 +1,8 @@
 """The distance of two surfaces as varifolds: as clouds of small oriented patches, compared by kernels of several
 widths. It needs no correspondences, and is smooth."""
 
+from typing import ClassVar
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -14,6 +16,7 @@ from .._geometry.rowwise import length, over
 from .._geometry.surface import edge_vectors
 from .._icp import ICP
 from .._mesh.mesh import Mesh
+from .._papers import CHARON_2013, KALTENMARK_2017
 from .base import Loss
 from .surface import checked_target
 
@@ -65,6 +68,8 @@ class Varifold(Loss):
         Charon, "A general framework for curve and surface comparison and registration with oriented varifolds", CVPR
         (2017), 4580.
     """
+
+    papers: ClassVar[tuple[str, ...]] = (CHARON_2013, KALTENMARK_2017)
 
     target: Mesh
     width: Scalar

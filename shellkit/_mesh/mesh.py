@@ -208,8 +208,8 @@ class Mesh(eqx.Module):
         return Mesh(self.vertices, _host_faces(self.faces)[:, [1, 0, 2]], self.vertex_data, self.face_data)
 
     def refine(self, project: Callable[[Float[Array, "n 3"]], ArrayLike] | None = None) -> "Mesh":
-        """Splits every face into four at the midpoints of its edges; the surface stays the same set of points, unless the
-        new vertices are moved onto another one.
+        """Splits every face into four at the midpoints of its edges; the surface stays the same set of points, unless
+        the new vertices are moved onto another one.
 
         Face `f` becomes the faces `4 * f + k`: one at each corner, then the middle one. Each has its first edge
         parallel to that of `f`, so that face data repeated four times over keep their meaning, angles of directors
@@ -219,8 +219,8 @@ class Mesh(eqx.Module):
 
         **Arguments:**
 
-        - `project`: a function from the midpoints, shape `(n, 3)`, to where they should be, as onto a sphere: `lambda p:
-            p / jnp.linalg.norm(p, axis=1, keepdims=True)`.
+        - `project`: a function from the midpoints, shape `(n, 3)`, to where they should be, as onto a unit sphere:
+            `lambda p: p / jnp.linalg.norm(p, axis=1, keepdims=True)`.
         """
         a, b, c = _host_faces(self.faces).T
         bc, ca, ab = (self.n_vertices + np.asarray(self.face_edges)).T
@@ -242,8 +242,8 @@ class Mesh(eqx.Module):
 
         - `values`: one row a vertex, shape `(V, ...)`, such as the positions of an equilibrium.
 
-        **Returns:** an array of shape `(V + E, ...)`: the values themselves, then those at the midpoints of the edges: the
-        mean of both ends for floating types, the lower of both for whole numbers and flags.
+        **Returns:** an array of shape `(V + E, ...)`: the values themselves, then those at the midpoints of the edges,
+        the mean of both ends for floating types, the lower of both for whole numbers and flags.
 
         **Raises:** `ValueError` for another number of rows.
         """

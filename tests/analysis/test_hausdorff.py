@@ -26,7 +26,7 @@ def test_concentric_spheres():
 
 
 def test_a_spike_and_a_part():
-    """The mean is over areas, the largest distance sees a single corner, and a part is at no distance from its whole."""
+    """The mean is over areas, the largest distance sees a corner, and a part is at no distance from its whole."""
     whole = sk.meshes.rectangle(2.0, 1.0, cells=(2, 1))
     part = sk.meshes.rectangle(1.0, 1.0, cells=(1, 1))
     found = sk.hausdorff(part.vertices, part, whole, samples=40_000)
