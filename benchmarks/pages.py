@@ -75,12 +75,19 @@ def _not_measured(name: str) -> str:
     return f"*Not measured yet: `python -m benchmarks {name}`.*"
 
 
+def _validation() -> str:
+    from .validation import page
+
+    return page.content()
+
+
 PAGES: dict[str, dict[str, Callable[[], str]]] = {
     "README.md": {"figures": design_steps},
     "docs/performance.md": {
         name: (lambda name=name: page_of(name))
         for name in ("design_step", "relaxation", "scaling", "gradient_cost", "energy_kernel")
     },
+    "docs/validation.md": {"validation": _validation},
 }
 
 
@@ -95,10 +102,8 @@ def filled(text: str, blocks: dict[str, Callable[[], str]]) -> str:
     return text
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--check", action="store_true", help="only say whether a page is out of date")
-    check = parser.parse_args().check
+def write(check: bool = False) -> list[str]:
+    """Make all pages anew, or only see which are out of date; their names."""
     stale = []
     for name, blocks in PAGES.items():
         path = ROOT / name
@@ -108,6 +113,14 @@ def main() -> None:
             stale.append(name)
             if not check:
                 path.write_text(new)
+    return stale
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--check", action="store_true", help="only say whether a page is out of date")
+    check = parser.parse_args().check
+    stale = write(check)
     print("\n".join(stale) or "up to date")
     sys.exit(1 if check and stale else 0)
 

@@ -12,7 +12,7 @@ from .relaxation import SCENES
 from .scaling import memory, times
 
 
-_STYLE = {
+STYLE = {
     "axes.grid": True,
     "axes.spines.right": False,
     "axes.spines.top": False,
@@ -60,7 +60,7 @@ def _relaxation(rows: list[Row]) -> plt.Figure:
 def main() -> None:
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs" / "assets"
     folder.mkdir(parents=True, exist_ok=True)
-    with plt.rc_context(_STYLE):
+    with plt.rc_context(STYLE):
         for name, draw in {"scaling": _scaling, "relaxation": _relaxation}.items():
             if rows := report.load(name):
                 path = folder / f"benchmark_{name}.svg"
