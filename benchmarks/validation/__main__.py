@@ -28,7 +28,9 @@ def main() -> None:
                 figures = []
                 for figure in page.module(card).measure(options.level):
                     figures.append(figure)
-                    print(f"{card}: {figure.quantity}, {figure.series}, {figure.cells:g}: {figure.error:+.1e}", flush=True)
+                    print(
+                        f"{card}: {figure.quantity}, {figure.series}, {figure.cells:g}: {figure.error:+.1e}", flush=True
+                    )
                 page.store(card, figures)
             except RuntimeError as error:
                 failed.append(card)

@@ -72,7 +72,9 @@ _BEND = {
     "tan": lambda a: (np.tan(a), 1 + np.tan(a) ** 2, 2 * np.tan(a) * (1 + np.tan(a) ** 2)),
     "theta": lambda a: (a, np.ones_like(a), np.zeros_like(a)),
 }
-_BASIS = np.array([[[1, 1], [1, 1]], [[1, 0], [0, 0]], [[0, 0], [0, 1]]], float)  # what the edges opposite a, b, c add to b
+_BASIS = np.array(
+    [[[1, 1], [1, 1]], [[1, 0], [0, 0]], [[0, 0], [0, 1]]], float
+)  # what the edges opposite a, b, c add to b
 
 
 def _face_stiffness(rest: sk.RestShape, alpha: float, beta: float) -> tuple[np.ndarray, np.ndarray]:
@@ -105,7 +107,9 @@ def _tangents(function: Callable[[np.ndarray], np.ndarray], parameters: np.ndarr
     """Both partial derivatives, of fourth order: the error is that of rounding."""
     step = 1e-3
     ahead, behind = (np.stack([function(parameters + sign * step * axis) for axis in np.eye(2)]) for sign in (1, -1))
-    further, back = (np.stack([function(parameters + 2 * sign * step * axis) for axis in np.eye(2)]) for sign in (1, -1))
+    further, back = (
+        np.stack([function(parameters + 2 * sign * step * axis) for axis in np.eye(2)]) for sign in (1, -1)
+    )
     return (8 * (ahead - behind) - (further - back)) / (12 * step)
 
 

@@ -59,6 +59,9 @@ def measure(level: int, kinds=tuple(EXACT)) -> Iterator[Figure]:
                 if not (bool(equilibrium.converged) and bool(equilibrium.stable)):
                     raise RuntimeError(f"{kind} cone at {edge}: {sk.RESULTS[equilibrium.result]}")
                 for name, exact, ours in zip(
-                    ("half-angle", "height", "energy"), EXACT[kind], (*shape(equilibrium), float(equilibrium.energy)), strict=True
+                    ("half-angle", "height", "energy"),
+                    EXACT[kind],
+                    (*shape(equilibrium), float(equilibrium.energy)),
+                    strict=True,
                 ):
                     yield Figure(f"{name}, {kind}", directors, 1 / edge, exact, ours, seconds)

@@ -19,7 +19,12 @@ WHERE = {
     "angles": lambda p: (p.actuation.top.angle, p.actuation.bottom.angle),
     "stretch": lambda p: (p.actuation.top.stretch, p.actuation.bottom.stretch),
     "thickness": lambda p: p.thickness,
-    "moduli": lambda p: (p.energy.terms[0].bulk, p.energy.terms[0].shear, p.energy.terms[1].alpha, p.energy.terms[1].beta),
+    "moduli": lambda p: (
+        p.energy.terms[0].bulk,
+        p.energy.terms[0].shear,
+        p.energy.terms[1].alpha,
+        p.energy.terms[1].beta,
+    ),
     "rest vertices": lambda p: p.mesh.vertices,
     "target": lambda p: p.loss.target,
 }
@@ -34,7 +39,8 @@ def closed(subdivisions: int, directors: str) -> sk.InverseProblem:
         mesh=mesh,
         thickness=jnp.full(mesh.n_faces, 0.1),
         actuation=sk.Bilayer(top=field(), bottom=field()),
-        energy=sk.NeoHookean(8.0 * jnp.ones(mesh.n_faces), 4.0) + sk.Bending(jnp.ones(mesh.n_faces), 0.7, directors=directors, form="tan"),
+        energy=sk.NeoHookean(8.0 * jnp.ones(mesh.n_faces), 4.0)
+        + sk.Bending(jnp.ones(mesh.n_faces), 0.7, directors=directors, form="tan"),
         loss=sk.VertexDistance(mesh.vertices * jnp.array([0.95, 0.95, 1.2]), aligner=sk.Kabsch()),
     )
 
