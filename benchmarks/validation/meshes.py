@@ -27,7 +27,7 @@ def curved(flat: sk.Mesh, chart: Callable[[np.ndarray], np.ndarray]) -> sk.Mesh:
 
 
 def sphere(kind: Kind, cells: int, seed: int = 0) -> sk.Mesh:
-    """The unit sphere as a cube whose sides, of cells x cells squares, are blown up; J is the hull of jittered points."""
+    """The unit sphere as a cube, its sides of cells x cells squares, blown up; J is the hull of jittered points."""
     grid = np.arange(cells + 1)
     i, j = (index.ravel() for index in np.meshgrid(grid, grid, indexing="ij"))
     random = np.random.default_rng(seed)

@@ -13,8 +13,8 @@ from ..surfaces import boundary_directors, curvature_on_faces, minimised, normal
 
 TITLE = "Catenoid to helicoid"
 PROBLEM = (
-    "The catenoid |v| ≤ 1, 0 < u < π, bent isometrically by 45° of its associate family, with the catenoid's own forms at "
-    "rest. E_b = ½(8π/3) β h³ tanh 1 (1 − cos 45°); the stretching energy, zero on the surface, falls with Δ⁴."
+    "The catenoid |v| ≤ 1, 0 < u < π, bent isometrically by 45° of its associate family, with the catenoid's own forms "
+    "at rest. E_b = ½(8π/3) β h³ tanh 1 (1 − cos 45°); the stretching energy, zero on the surface, falls with Δ⁴."
 )
 THICKNESS, BETA, ALPHA, ANGLE = 0.02, 1.0, 0.6, np.pi / 4
 EXACT = 0.5 * 8 * np.pi / 3 * BETA * THICKNESS**3 * np.tanh(1.0) * (1 - np.cos(ANGLE))

@@ -12,8 +12,8 @@ from ..figures import Figure, timed
 
 TITLE = "Nematic cones"
 PROBLEM = (
-    "A flat disc of radius 1, h = 0.02, E = 1, ν = 0.3, b_r = 0, with directors around its centre and λ = 0.9, or along "
-    "its rays and λ = 1.1. Exact axisymmetric solution of the same energy. The flat start is a saddle."
+    "A flat disc of radius 1, h = 0.02, E = 1, ν = 0.3, b_r = 0, with directors around its centre and λ = 0.9, or "
+    "along its rays and λ = 1.1. Exact axisymmetric solution of the same energy. The flat start is a saddle."
 )
 THICKNESS = 0.02
 # Half-angle at half the radius in degrees, height, energy.

@@ -14,8 +14,8 @@ from ..meshes import sheet
 
 TITLE = "Moduli"
 PROBLEM = (
-    "A jittered flat patch under an affine strain: uniaxial stress, the stiffness of a plate, any large affine map, and "
-    "the stiffness of both materials at rest. E = 1.7, ν = 0.3, h = 0.02."
+    "A jittered flat patch under an affine strain: uniaxial stress, the stiffness of a plate, any large affine map, "
+    "and the stiffness of both materials at rest. E = 1.7, ν = 0.3, h = 0.02."
 )
 YOUNG, POISSON, THICKNESS, STRAIN = 1.7, 0.3, 0.02, 1e-4
 MATERIALS = {"StVenantKirchhoff": sk.StVenantKirchhoff, "NeoHookean": sk.NeoHookean}
@@ -58,7 +58,7 @@ def materials_differ() -> float:
 
 
 def plate_stiffness() -> tuple[float, float]:
-    """Energy of an area of a flat plate that would like to be a cylinder of unit radius: half of D, and the exact one."""
+    """Energy of an area of a flat plate that would like to be a cylinder of unit radius, half of D, and the exact."""
     mesh = sheet("J", (6, 6), seed=3)
     edges = mesh.vertices[mesh.faces[:, 1:]] - mesh.vertices[mesh.faces[:, :1]]
     rest = jnp.einsum("fi,fj->fij", edges[:, :, 0], edges[:, :, 0])

@@ -42,7 +42,7 @@ def torsion(mesh: sk.Mesh, found: sk.Modes) -> np.ndarray:
 
 
 def measure(level: int) -> Iterator[Figure]:
-    """Free directors on all kinds of meshes, averaged normals to compare, and the icosphere that hides the difference."""
+    """Free directors on all kinds of meshes, averaged normals to compare; and icospheres, which hide the difference."""
     for kind in KINDS:
         for directors in ("free", "average"):
             for cells in SIZES[level]:
