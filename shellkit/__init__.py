@@ -5,10 +5,13 @@ from ._actuation import (
     Actuation as Actuation,
     Bilayer as Bilayer,
     IsotropicGrowth as IsotropicGrowth,
+    Laminate as Laminate,
+    Layer as Layer,
     Nematic as Nematic,
     OrthotropicGrowth as OrthotropicGrowth,
     Passive as Passive,
     Prescribed as Prescribed,
+    PrescribedMetric as PrescribedMetric,
     SheetActuation as SheetActuation,
 )
 from ._align import (
@@ -22,8 +25,10 @@ from ._align import (
 from ._analysis import (
     Hausdorff as Hausdorff,
     hausdorff as hausdorff,
+    Identifiability as Identifiability,
     Modes as Modes,
     TaylorReport as TaylorReport,
+    identifiability as identifiability,
     taylor_test as taylor_test,
     vibration_modes as vibration_modes,
 )
@@ -38,11 +43,19 @@ from ._energy import (
     FormEnergy as FormEnergy,
     Foundation as Foundation,
     Gravity as Gravity,
+    IncompressibleNeoHookean as IncompressibleNeoHookean,
+    LaminateEnergy as LaminateEnergy,
     NeoHookean as NeoHookean,
+    OrthotropicBending as OrthotropicBending,
+    OrthotropicStretching as OrthotropicStretching,
+    PlaneContact as PlaneContact,
+    Ply as Ply,
     PointLoad as PointLoad,
     Pressure as Pressure,
+    SphereContact as SphereContact,
     StVenantKirchhoff as StVenantKirchhoff,
     SurfaceLoad as SurfaceLoad,
+    TensionField as TensionField,
 )
 from ._design import Bounds as Bounds
 from ._equilibrium import Equilibrium as Equilibrium, RESULTS as RESULTS
@@ -72,6 +85,7 @@ from ._geometry.surface import (
     surface_area as surface_area,
     vertex_areas as vertex_areas,
 )
+from ._geometry.intersections import self_intersections as self_intersections
 from ._history import FitResult as FitResult, FitStep as FitStep, History as History
 from ._icp import ICP as ICP
 from ._loss import (
@@ -98,6 +112,12 @@ from ._path import Path as Path, Ramp as Ramp, follow as follow, relax as relax
 from ._plot import plot as plot, plot_history as plot_history
 from ._problem import InverseProblem as InverseProblem
 from ._rest import RestShape as RestShape
+from ._starts import (
+    Feasibility as Feasibility,
+    bilayer_inverse as bilayer_inverse,
+    feasibility as feasibility,
+    nematic_start as nematic_start,
+)
 from ._solve.choose import direct_solver as direct_solver
 from ._solve.cholmod import Cholmod as Cholmod
 from ._solve.iterative import ConjugateGradients as ConjugateGradients

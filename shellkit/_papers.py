@@ -117,6 +117,14 @@ HESTENES_1952 = """@article{hestenes1952methods,
     year = {1952},
 }"""
 
+JONES_1999 = """@book{jones1999mechanics,
+    author = {Jones, Robert M.},
+    title = {Mechanics of composite materials},
+    edition = {2},
+    publisher = {Taylor and Francis},
+    year = {1999},
+}"""
+
 KABSCH_1976 = """@article{kabsch1976solution,
     author = {Kabsch, Wolfgang},
     title = {A solution for the best rotation to relate two sets of vectors},
@@ -142,6 +150,15 @@ KIDGER_2021 = """@inproceedings{kidger2021equinox,
     year = {2021},
 }"""
 
+LE_DRET_1995 = """@article{ledret1995nonlinear,
+    author = {Le Dret, Herv{\\'e} and Raoult, Annie},
+    title = {The nonlinear membrane model as variational limit of nonlinear three-dimensional elasticity},
+    journal = {Journal de Math{\\'e}matiques Pures et Appliqu{\\'e}es},
+    volume = {74},
+    pages = {549--578},
+    year = {1995},
+}"""
+
 MEYER_2003 = """@incollection{meyer2003discrete,
     author = {Meyer, Mark and Desbrun, Mathieu and Schr{\\"o}der, Peter and Barr, Alan H.},
     title = {Discrete differential-geometry operators for triangulated 2-manifolds},
@@ -155,6 +172,15 @@ NOCEDAL_2006 = """@book{nocedal2006numerical,
     edition = {2},
     publisher = {Springer},
     year = {2006},
+}"""
+
+PIPKIN_1986 = """@article{pipkin1986relaxed,
+    author = {Pipkin, Allen C.},
+    title = {The relaxed energy density for isotropic elastic membranes},
+    journal = {IMA Journal of Applied Mathematics},
+    volume = {36},
+    pages = {85--99},
+    year = {1986},
 }"""
 
 POTTMANN_2006 = """@article{pottmann2006geometry,
@@ -184,6 +210,32 @@ SCHENK_2004 = """@article{schenk2004solving,
     year = {2004},
 }"""
 
+STEIGMANN_1990 = """@article{steigmann1990tension,
+    author = {Steigmann, David J.},
+    title = {Tension-field theory},
+    journal = {Proceedings of the Royal Society A},
+    volume = {429},
+    pages = {141--173},
+    year = {1990},
+}"""
+
+TIMOSHENKO_1925 = """@article{timoshenko1925analysis,
+    author = {Timoshenko, Stephen},
+    title = {Analysis of bi-metal thermostats},
+    journal = {Journal of the Optical Society of America},
+    volume = {11},
+    pages = {233--255},
+    year = {1925},
+}"""
+
+TRELOAR_1975 = """@book{treloar1975physics,
+    author = {Treloar, L. R. G.},
+    title = {The physics of rubber elasticity},
+    edition = {3},
+    publisher = {Oxford University Press},
+    year = {1975},
+}"""
+
 UMEYAMA_1991 = """@article{umeyama1991least,
     author = {Umeyama, Shinji},
     title = {Least-squares estimation of transformation parameters between two point patterns},
@@ -209,4 +261,12 @@ WEISCHEDEL_2012 = """@phdthesis{weischedel2012discrete,
     title = {A discrete geometric view on shear-deformable shell models},
     school = {Georg-August-Universit{\\"a}t G{\\"o}ttingen},
     year = {2012},
+}"""
+
+WRIGGERS_2006 = """@book{wriggers2006computational,
+    author = {Wriggers, Peter},
+    title = {Computational contact mechanics},
+    edition = {2},
+    publisher = {Springer},
+    year = {2006},
 }"""

@@ -14,11 +14,26 @@ class RestShape(eqx.Module):
 
     Both forms are in the basis u = b - a, v = c - a of the face (a, b, c), so that lengths carry the unit of the mesh.
     `curvature` is `None` where no energy term asks for it.
+
+    A shell of layers that are not equally stiff says in `stretching` and `bending` how many times as stiff it is as
+    one of the same thickness that is all of the energy's material; `None` is once.
     """
 
     metric: Float[Array, "F 2 2"]
     curvature: Float[Array, "F 2 2"] | None
     thickness: Float[Array, " F"]
+    stretching: Float[Array, " F"] | None = None
+    bending: Float[Array, " F"] | None = None
+
+    @property
+    def stretching_scale(self) -> Float[Array, " F"]:
+        """What the membrane energy of each face is proportional to: thickness times `stretching`."""
+        return self.thickness if self.stretching is None else self.thickness * self.stretching
+
+    @property
+    def bending_scale(self) -> Float[Array, " F"]:
+        """What the bending energy of each face is proportional to: thickness cubed times `bending`."""
+        return self.thickness**3 if self.bending is None else self.thickness**3 * self.bending
 
     @classmethod
     def of(

@@ -78,7 +78,7 @@ def free_motions(
     work on it at several generic shapes.
     """
     centre, units = jnp.mean(mesh.vertices, axis=0), _units(mesh)
-    own = [term for _, term in energy.weighted_terms() if isinstance(term, EnergyTerm)]
+    own = [term.engaged() for _, term in energy.weighted_terms() if isinstance(term, EnergyTerm)]
     hindrances = _work_on_motions(own, mesh, rest, centre, units) if own else np.zeros((0, 6))
     rows, held = hindrances, None
     if supports is not None:

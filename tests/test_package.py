@@ -30,7 +30,7 @@ LAYERS = [
     {"meshes", "_geometry"},
     {"_rest", "_supports", "_icp", "_transfer"},
     {"_actuation", "_energy"},
-    {"_equilibrium", "_symmetries"},
+    {"_equilibrium", "_symmetries", "_starts"},
     {"_loss"},
     {"_problem", "_director_layers"},
     {"_design"},
@@ -57,6 +57,7 @@ REFINABLE = {
     "on",
     "name",
     "director_fields",
+    "engaged",
 }
 
 

@@ -22,4 +22,13 @@ from .growth import (
 from .growth import (
     Prescribed as Prescribed,
 )
+from .growth import (
+    PrescribedMetric as PrescribedMetric,
+)
+from .laminate import (
+    Laminate as Laminate,
+)
+from .laminate import (
+    Layer as Layer,
+)
 from .nematic import Nematic as Nematic

@@ -87,6 +87,33 @@ class OrthotropicGrowth(SheetActuation):
         return eqx.tree_at(lambda sheet: (sheet.along, sheet.across), self, partial)
 
 
+class PrescribedMetric(SheetActuation):
+    """The metric of a sheet given outright, in the edge basis of each face: a layer that can grow at will.
+
+    ??? cite "Source"
+
+        E. Efrati, E. Sharon and R. Kupferman, "Elastic theory of unconstrained non-Euclidean plates", Journal of the
+        Mechanics and Physics of Solids 57 (2009), 762.
+    """
+
+    papers: ClassVar[tuple[str, ...]] = (EFRATI_2009,)
+    metric: Float[Array, "F 2 2"]
+
+    def __init__(self, metric: Float[Array, "F 2 2"]):
+        """**Arguments:**
+
+        - `metric`: positive definite, one a face; see [`shellkit.first_form`][].
+        """
+        self.metric = jnp.asarray(metric, dtype=float)
+
+    def check(self, mesh: Mesh) -> None:
+        _check_form("PrescribedMetric", "metric", self.metric, mesh)
+        _check_positive("PrescribedMetric", self.metric)
+
+    def actuated_metric(self, metric: Float[Array, "F 2 2"]) -> Float[Array, "F 2 2"]:
+        return self.metric
+
+
 class Prescribed(Actuation):
     """Rest forms given outright, in the edge basis of each face; what is `None` stays as the mesh has it.
 
@@ -111,26 +138,33 @@ class Prescribed(Actuation):
 
     def check(self, mesh: Mesh) -> None:
         for name, form in (("metric", self.metric), ("curvature", self.curvature)):
-            if form is None:
-                continue
-            if form.shape != (mesh.n_faces, 2, 2):
-                raise ValueError(
-                    f"Prescribed: {name} has shape {form.shape}; expected ({mesh.n_faces}, 2, 2), one a face."
-                )
-            if isinstance(form, Tracer):
-                continue
-            bad = np.flatnonzero(
-                ~np.isfinite(form).all((1, 2)) | (np.abs(form[:, 0, 1] - form[:, 1, 0]) > 1e-12 * np.abs(form).max())
-            )
-            if len(bad):
-                raise ValueError(f"Prescribed: the {name} of face {bad[0]} is not finite and symmetric.")
-        if self.metric is not None and not isinstance(self.metric, Tracer):
-            bad = np.flatnonzero((np.linalg.det(self.metric) <= 0) | (np.asarray(self.metric)[:, 0, 0] <= 0))
-            if len(bad):
-                raise ValueError(f"Prescribed: the metric of face {bad[0]} is not positive definite.")
+            if form is not None:
+                _check_form("Prescribed", name, form, mesh)
+        if self.metric is not None:
+            _check_positive("Prescribed", self.metric)
 
     def __call__(self, rest: RestShape) -> RestShape:
         metric = rest.metric if self.metric is None else self.metric
         # A scene that measures no curvature has none to prescribe.
         curvature = rest.curvature if self.curvature is None or rest.curvature is None else self.curvature
         return RestShape(metric, curvature, rest.thickness)
+
+
+def _check_form(owner: str, name: str, form: Array, mesh: Mesh) -> None:
+    if form.shape != (mesh.n_faces, 2, 2):
+        raise ValueError(f"{owner}: {name} has shape {form.shape}; expected ({mesh.n_faces}, 2, 2), one a face.")
+    if isinstance(form, Tracer):
+        return
+    bad = np.flatnonzero(
+        ~np.isfinite(form).all((1, 2)) | (np.abs(form[:, 0, 1] - form[:, 1, 0]) > 1e-12 * np.abs(form).max())
+    )
+    if len(bad):
+        raise ValueError(f"{owner}: the {name} of face {bad[0]} is not finite and symmetric.")
+
+
+def _check_positive(owner: str, metric: Array) -> None:
+    if isinstance(metric, Tracer):
+        return
+    bad = np.flatnonzero((np.linalg.det(metric) <= 0) | (np.asarray(metric)[:, 0, 0] <= 0))
+    if len(bad):
+        raise ValueError(f"{owner}: the metric of face {bad[0]} is not positive definite.")

@@ -18,14 +18,22 @@ from .base import (
 )
 from .bending import Bending as Bending
 from .bending import DihedralBending as DihedralBending
+from .contact import PlaneContact as PlaneContact
+from .contact import SphereContact as SphereContact
 from .discrete import DiscreteEnergy as DiscreteEnergy
 from .followers import EdgeMoment as EdgeMoment
 from .followers import Pressure as Pressure
 from .foundation import Foundation as Foundation
+from .incompressible import IncompressibleNeoHookean as IncompressibleNeoHookean
+from .laminate import LaminateEnergy as LaminateEnergy
+from .laminate import Ply as Ply
 from .loads import DeadLoad as DeadLoad
 from .loads import EdgeLoad as EdgeLoad
 from .loads import Gravity as Gravity
 from .loads import PointLoad as PointLoad
 from .loads import SurfaceLoad as SurfaceLoad
+from .orthotropic import OrthotropicBending as OrthotropicBending
+from .orthotropic import OrthotropicStretching as OrthotropicStretching
 from .stretching import NeoHookean as NeoHookean
 from .stretching import StVenantKirchhoff as StVenantKirchhoff
+from .tension import TensionField as TensionField

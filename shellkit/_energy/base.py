@@ -124,6 +124,11 @@ class EnergyTerm(AbstractEnergy):
         edge itself; `None`, as for most, for none."""
         return None
 
+    def engaged(self) -> "EnergyTerm":
+        """This term where it acts: itself, unless it acts in a part of space only, as contact does. Asked which rigid
+        motions it resists."""
+        return self
+
     def check(self, mesh: Mesh) -> None:
         """Raise a `ValueError` if this term does not fit the mesh; called when a problem is built."""
 

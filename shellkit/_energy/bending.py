@@ -6,12 +6,12 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from .._geometry.forms import BEND, Components, CurvatureForm, components, determinant
+from .._geometry.forms import Components, CurvatureForm, components, determinant
 from .._mesh.mesh import Mesh
 from .._papers import CHEN_2018, GRINSPUN_2003, WEISCHEDEL_2012
 from .._rest import RestShape
 from .base import EnergyTerm, FormEnergy
-from .moduli import check_modulus, inverse, lame_halves, quadratic
+from .moduli import check_curvature_options, check_modulus, inverse, lame_halves, quadratic
 
 
 class Bending(FormEnergy):
@@ -47,10 +47,7 @@ class Bending(FormEnergy):
             fold a hinge flat), `"tan"` (which resists folding without bound) or `"theta"`.
         - `directors`: `"average"` or `"free"` edge normals.
         """
-        if form not in BEND:
-            raise ValueError(f"Bending: form is {form!r}; choose one of {', '.join(map(repr, BEND))}.")
-        if directors not in ("average", "free"):
-            raise ValueError(f"Bending: directors is {directors!r}; choose 'average' or 'free'.")
+        check_curvature_options("Bending", form, directors)
         self.alpha = jnp.asarray(alpha, dtype=float)
         self.beta = jnp.asarray(beta, dtype=float)
         self.form = form
@@ -79,7 +76,7 @@ class Bending(FormEnergy):
     def element_data(self, mesh: Mesh, rest: RestShape):
         metric = components(rest.metric)
         det = determinant(metric)
-        scale = rest.thickness**3 / 24 * jnp.sqrt(det)
+        scale = rest.bending_scale / 24 * jnp.sqrt(det)
         assert rest.curvature is not None  # the problem measures it for every term with a form
         return components(rest.curvature), inverse(metric, det), scale * self.alpha, scale * self.beta
 
@@ -103,13 +100,13 @@ class DihedralBending(EnergyTerm):
     """
 
     papers: ClassVar[tuple[str, ...]] = (GRINSPUN_2003,)
-    stiffness: Float[Array, ""]
+    stiffness: Float[Array, "..."]
     rest_angles: Float[Array, " E"] | None
 
     def __init__(self, stiffness: float | Array, rest_angles: Float[Array, " E"] | None = None):
         """**Arguments:**
 
-        - `stiffness`: $\\kappa$, in units of energy.
+        - `stiffness`: $\\kappa$, in units of energy; one number or one an edge.
         - `rest_angles`: of every edge of the mesh, in radians; `None` for those of the mesh at rest. Boundary edges
             are passed over. Give zeros for a shell that would like to be flat.
         """
@@ -117,6 +114,11 @@ class DihedralBending(EnergyTerm):
         self.rest_angles = None if rest_angles is None else jnp.asarray(rest_angles, dtype=float)
 
     def check(self, mesh: Mesh) -> None:
+        if self.stiffness.shape not in ((), (mesh.n_edges,)):
+            raise ValueError(
+                f"DihedralBending: stiffness has shape {self.stiffness.shape}; give one number or one an edge, shape "
+                f"({mesh.n_edges},)."
+            )
         if self.rest_angles is not None and self.rest_angles.shape != (mesh.n_edges,):
             raise ValueError(
                 f"DihedralBending: rest_angles has shape {self.rest_angles.shape}; expected one angle an edge, "
@@ -130,15 +132,15 @@ class DihedralBending(EnergyTerm):
         return jnp.column_stack([mesh.edges, first, jnp.where(mesh.edge_faces[:, 1] >= 0, second, first)])
 
     def element_data(self, mesh: Mesh, rest: RestShape):
-        interior = jnp.where(mesh.edge_faces[:, 1] >= 0, 1.0, 0.0)
+        stiffness = jnp.where(mesh.edge_faces[:, 1] >= 0, self.stiffness, 0.0)
         if self.rest_angles is None:
-            return interior, _dihedral(jnp.moveaxis(mesh.vertices[self.stencil(mesh)], 0, -1))[0]
-        return interior, self.rest_angles
+            return stiffness, _dihedral(jnp.moveaxis(mesh.vertices[self.stencil(mesh)], 0, -1))[0]
+        return stiffness, self.rest_angles
 
     def element_energy(self, x: Float[Array, "4 3"], data) -> Float[Array, ""]:
-        interior, rest_angle = data
+        stiffness, rest_angle = data
         angle, squared_length, twice_areas = _dihedral(x)
-        return interior * self.stiffness * 6 * squared_length / twice_areas * (angle - rest_angle) ** 2
+        return stiffness * 6 * squared_length / twice_areas * (angle - rest_angle) ** 2
 
 
 def _dihedral(x: Float[Array, "4 3 *n"]) -> tuple[Array, Array, Array]:

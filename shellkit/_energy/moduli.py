@@ -1,10 +1,11 @@
-"""Elastic moduli: conversion from Young's modulus, and the quadratic form that both StVK energies share."""
+"""Elastic moduli: conversion from Young's modulus, what is refused, and the quadratic form that the isotropic StVK
+energies share."""
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from .._geometry.forms import Components
+from .._geometry.forms import BEND, Components
 from .._mesh.mesh import Mesh
 
 
@@ -22,6 +23,14 @@ def check_modulus(term: str, name: str, value: Array, mesh: Mesh) -> None:
         )
     if not np.all(np.isfinite(value)):
         raise ValueError(f"{term}: {name} is not finite.")
+
+
+def check_curvature_options(owner: str, form: str, directors: str) -> None:
+    """Refuse a way of measuring curvature that there is not."""
+    if form not in BEND:
+        raise ValueError(f"{owner}: form is {form!r}; choose one of {', '.join(map(repr, BEND))}.")
+    if directors not in ("average", "free"):
+        raise ValueError(f"{owner}: directors is {directors!r}; choose 'average' or 'free'.")
 
 
 def quadratic(inverse: Components, strain: Components, alpha: Array, beta: Array) -> Float[Array, " F"]:

@@ -57,7 +57,7 @@ class StVenantKirchhoff(FormEnergy):
     def element_data(self, mesh: Mesh, rest: RestShape):
         metric = components(rest.metric)
         det = determinant(metric)
-        scale = rest.thickness / 8 * jnp.sqrt(det)
+        scale = rest.stretching_scale / 8 * jnp.sqrt(det)
         return metric, inverse(metric, det), scale * self.alpha, scale * self.beta
 
     def density(self, metric: Components, curvature: Components | None, data) -> Float[Array, " F"]:
@@ -107,7 +107,7 @@ class NeoHookean(FormEnergy):
     def element_data(self, mesh: Mesh, rest: RestShape):
         metric = components(rest.metric)
         det = determinant(metric)
-        scale = rest.thickness / 16 * jnp.sqrt(det)
+        scale = rest.stretching_scale / 16 * jnp.sqrt(det)
         return metric, inverse(metric, det), det, scale * self.bulk, scale * self.shear
 
     def density(self, metric: Components, curvature: Components | None, data) -> Float[Array, " F"]:
