@@ -97,7 +97,9 @@ class Laminate(Actuation):
         metrics = [layer.sheet.actuated_metric(rest.metric) for layer in self.layers]
         zeroth, first, second = self._moments(rest.thickness)
         total = sum(zeroth)
-        metric = sum(_times(weight / total, metric) for weight, metric in zip(zeroth, metrics, strict=True))
+        metric = jnp.zeros_like(rest.metric)
+        for weight, layer in zip(zeroth, metrics, strict=True):
+            metric = metric + _times(weight / total, layer)
         curvature = rest.curvature
         if curvature is not None:
             for moment, layer in zip(first, metrics, strict=True):

@@ -53,12 +53,12 @@ def self_intersections(vertices: Float[Array | np.ndarray, "V 3"], mesh: Mesh) -
 
 def _candidates(triangles: Float[np.ndarray, "F 3 3"]) -> Int[np.ndarray, "n 2"]:
     """Pairs of triangles of which the boxes overlap."""
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     low, high = triangles.min(axis=1), triangles.max(axis=1)
     centres = 0.5 * (low + high)
     radii = 0.5 * np.linalg.norm(high - low, axis=1)
-    tree = cKDTree(centres)
+    tree = KDTree(centres)
     # Each pair is found from its larger face, from which the centre of the smaller is at most two radii away.
     near = tree.query_ball_point(centres, 2 * radii * (1 + 1e-12))
     first = np.repeat(np.arange(len(triangles)), [len(n) for n in near])

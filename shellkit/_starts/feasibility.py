@@ -43,7 +43,7 @@ class Feasibility(eqx.Module):
         """
         stretches = np.concatenate([self.top, self.bottom], axis=1)
         with np.errstate(invalid="ignore"):
-            fine = ((stretches >= low) & (stretches <= high)).all(axis=1)
+            fine = np.all((stretches >= low) & (stretches <= high), axis=1)
         return _share(self.areas, fine)
 
     def nematic(self, stretch: float, area: float = 0.05) -> float:
@@ -76,8 +76,8 @@ class Feasibility(eqx.Module):
 
 
 def _share(areas: Float[Array, " F"], chosen: np.ndarray) -> float:
-    areas = np.asarray(areas)
-    return float(np.sum(areas * chosen) / np.sum(areas))
+    sizes = np.asarray(areas)
+    return float(np.sum(sizes * chosen) / np.sum(sizes))
 
 
 def feasibility(
