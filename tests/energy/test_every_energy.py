@@ -32,11 +32,11 @@ ENERGIES = {
     "bending-sin": sk.Bending(alpha=1.0, beta=0.7),
     "bending-tan": sk.Bending(alpha=1.0, beta=0.7, form="tan"),
     "bending-free": sk.Bending(alpha=1.0, beta=0.7, form="theta", directors="free"),
-    "incompressible": sk.IncompressibleNeoHookean(shear=1.3),
-    "tension": sk.TensionField(alpha=1.0, beta=0.7, residual=0.01),
-    "orthotropic": sk.OrthotropicStretching(0.4, along=3.0, across=1.0, poisson=0.4, shear=0.6)
-    + sk.OrthotropicBending(0.4, along=3.0, across=1.0, poisson=0.4, shear=0.6),
-    "laminate": sk.LaminateEnergy(
+    # Terms that differ in their density alone are compiled together.
+    "membranes": sk.IncompressibleNeoHookean(shear=1.3) + sk.TensionField(alpha=1.0, beta=0.7, residual=0.01),
+    "grain": sk.OrthotropicStretching(0.4, along=3.0, across=1.0, poisson=0.4, shear=0.6)
+    + sk.OrthotropicBending(0.4, along=3.0, across=1.0, poisson=0.4, shear=0.6)
+    + sk.LaminateEnergy(
         [sk.Ply(0.4, along=3.0, across=1.0, poisson=0.4, shear=0.6, thickness=2.0), sk.Ply.isotropic(2.0, 0.3)]
     ),
     "dihedral": sk.DihedralBending(stiffness=0.3),
