@@ -19,7 +19,8 @@ _BLOCK = 32  # directions a call
 _DENSE = 600  # columns or rows up to which the derivative is formed in full
 _DENSE_PARAMETERS = 3000
 _COUNT = 50
-_OVERSAMPLING, _POWERS = 10, 3
+_OVERSAMPLING = 10
+_MAX_BLOCKS, _CHANGE = 20, 1e-10
 
 
 class Identifiability(eqx.Module):
@@ -165,8 +166,9 @@ def identifiability(
 
     The singular value decomposition of the derivative of the shape in the parameters, modulo rigid motions that nothing
     hinders. Products with the derivative and with its transpose are each one solve with the factor of the relaxation.
-    Small problems are decomposed in full; of large ones the leading directions are found by randomised subspace
-    iteration. First order: it speaks of small changes. On the host; not for use under `jax.jit`.
+    Small problems are decomposed in full; of large ones the leading directions are found by block Lanczos
+    bidiagonalisation from a random start. First order: it speaks of small changes. On the host; not for use under
+    `jax.jit`.
 
     **Arguments:**
 
@@ -177,7 +179,7 @@ def identifiability(
         the names of arrays, such as `{"actuation.top.angle": 0.1}` (the rest count 1).
     - `count`: how many directions; by default all for up to 600 parameters or coordinates, else 50.
     - `equilibrium`: where to take the derivative; by default `problem()`.
-    - `seed`: of the randomised iteration.
+    - `seed`: of the random start.
 
     **Returns:**
 
@@ -189,8 +191,8 @@ def identifiability(
 
     ??? cite "Source"
 
-        N. Halko, P. G. Martinsson and J. A. Tropp, "Finding structure with randomness", SIAM Review 53 (2011), 217,
-        algorithms 4.4 and 5.1.
+        G. H. Golub, F. T. Luk and M. L. Overton, "A block Lanczos method for computing the singular values and
+        corresponding singular vectors of a matrix", ACM Trans. Math. Software 7 (1981), 149.
     """
     design, values = split(problem, where)
     scales = _scales(values, scale)
@@ -307,17 +309,38 @@ def _in_full(derivative: _Derivative, parameters: int, coordinates: int):
         matrix = derivative.forward(np.eye(parameters)).T
     else:
         matrix = derivative.backward(np.eye(coordinates))
-    left, sizes, right = np.linalg.svd(matrix, full_matrices=False)
-    right = np.linalg.svd(matrix, full_matrices=True)[2] if len(sizes) < parameters else right
+    # With more parameters than coordinates, the directions of which the shape tells nothing complete the others.
+    left, sizes, right = np.linalg.svd(matrix, full_matrices=parameters > coordinates)
     idle = parameters - len(sizes)
     return np.concatenate([left.T, np.zeros((idle, coordinates))]), np.append(sizes, np.zeros(idle)), right
 
 
 def _leading(derivative: _Derivative, parameters: int, count: int, width: int, seed: int):
-    """The largest singular values and their directions."""
-    orthonormal = lambda rows: np.linalg.qr(rows.T)[0].T
-    basis = orthonormal(derivative.forward(np.random.default_rng(seed).normal(size=(width, parameters))))
-    for _ in range(_POWERS):
-        basis = orthonormal(derivative.forward(orthonormal(derivative.backward(basis))))
-    mixture, sizes, right = np.linalg.svd(derivative.backward(basis), full_matrices=False)
-    return (mixture.T @ basis)[:count], sizes[:count], right[:count]
+    """The largest singular values and their directions, by block Lanczos bidiagonalisation: the basis of shapes grows
+    by a block until the values stand still, or there is no more."""
+    moved = derivative.forward(np.random.default_rng(seed).normal(size=(width, parameters)))
+    block = _orthonormal(moved)
+    if len(block) == 0:  # nothing moves the shape at all
+        return np.zeros((count, moved.shape[1])), np.zeros(count), np.eye(count, parameters)
+    shapes, patterns, last = block, np.zeros((0, parameters)), np.zeros(count)
+    for _ in range(_MAX_BLOCKS):
+        patterns = np.concatenate([patterns, derivative.backward(block)])
+        mixture, sizes, right = np.linalg.svd(patterns, full_matrices=False)
+        values = np.pad(sizes, (0, count))[:count]
+        if np.abs(values - last).max() <= _CHANGE * max(values[0], 1e-300):
+            break
+        last = values
+        block = derivative.forward(patterns[-len(block) :])
+        for _ in range(2):
+            block = block - block @ shapes.T @ shapes
+        block = _orthonormal(block, 1e-12 * values[0] ** 2)
+        if len(block) == 0:
+            break
+        shapes = np.concatenate([shapes, block])
+    return (mixture.T @ shapes)[:count], sizes[:count], right[:count]
+
+
+def _orthonormal(rows: np.ndarray, least: float = 0.0) -> np.ndarray:
+    """An orthonormal basis of some rows, less what is shorter than a length."""
+    _, sizes, basis = np.linalg.svd(rows, full_matrices=False)
+    return basis[sizes > max(least, 1e-14 * sizes.max(initial=0.0))]
