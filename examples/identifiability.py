@@ -86,7 +86,7 @@ def draw(insight, teacher, spread, options) -> None:
     figure, axis = plt.subplots(figsize=(6, 3.5), layout="constrained")
     seen = values > 1e-9 * values[0]
     axis.semilogy(np.flatnonzero(seen), values[seen], ".", color="#0072b2")
-    axis.axvspan(np.count_nonzero(seen), len(values), color="#d55e00", alpha=0.15, lw=0)
+    axis.axvspan(float(np.count_nonzero(seen)), float(len(values)), color="#d55e00", alpha=0.15, lw=0)
     axis.text(
         0.5 * (np.count_nonzero(seen) + len(values)),
         values[0] / 3,
