@@ -215,7 +215,8 @@ def identifiability(
         wanted = min(_COUNT, smaller) if count is None else count
         left, sizes, right = _leading(derivative, parameters, wanted, min(wanted + _OVERSAMPLING, smaller), seed)
     directions, at = {}, 0
-    for name, value in values.items():
+    for name in design.names:
+        value = values[name]
         directions[name] = jnp.asarray(right[:, at : at + value.size]).reshape(-1, *value.shape)
         at += value.size
     shapes = np.sqrt(problem.mesh.n_vertices) * left.reshape(-1, problem.mesh.n_vertices, 3)
@@ -279,7 +280,8 @@ def _shape(design: Design, values: dict[str, Array], scales: dict[str, Array], e
 
     def shape(change: Float[Array, " n"]) -> Float[Array, " m"]:
         moved, at = {}, 0
-        for name, value in values.items():
+        for name in design.names:  # in this order: that of a dictionary does not survive jit
+            value = values[name]
             moved[name] = value + scales[name] * change[at : at + value.size].reshape(value.shape)
             at += value.size
         vertices = design.problem(moved)(equilibrium).vertices.reshape(-1)
