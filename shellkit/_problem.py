@@ -196,6 +196,7 @@ class InverseProblem(eqx.Module):
                 "hessian": still.hessian,
                 "feasible": _Feasible(still),
                 "motions": motions,
+                "stress": None if still.faces is None else still.stress,
                 "length": jax.lax.stop_gradient(_mean_edge_length(self.mesh)),
             },
             max_steps=self._step_limit(),

@@ -177,7 +177,7 @@ class Assembly(eqx.Module):
             values = values.at[self.corner_entries].add(geometric, mode="drop")
             values = values.at[self.face_entries].add(stiffness, mode="drop")
         for entries, hessian in zip(self.element_entries, elements, strict=True):
-            if entries is not None:
+            if entries is not None and hessian is not None:
                 values = values.at[entries].add(hessian, mode="drop")
         return SparseSymmetric(self.pattern, values if self.frames is None else self.frames.turn(values))
 

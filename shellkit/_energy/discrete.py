@@ -87,6 +87,14 @@ class DiscreteEnergy(eqx.Module):
         """The gradient in the free unknowns."""
         return self.assembly.restrict(self.full_gradient(y))
 
+    def stress(self, y: Float[Array, " n"]) -> SparseSymmetric:
+        """The part of the Hessian that stress has by the second derivatives of lengths and hinge angles; without it the
+        Hessian is positive definite, or nearly so. Other terms have none."""
+        assert self.faces is not None
+        stiffness, geometric = self.faces.hessian(*self.state(y))
+        none = tuple(None for _ in self.elements)
+        return self.assembly.matrix((jnp.zeros_like(stiffness), geometric), none)
+
     def hessian(self, y: Float[Array, " n"]) -> SparseSymmetric:
         """The Hessian in the free unknowns."""
         vertices, directors = self.state(y)

@@ -23,6 +23,7 @@ _MAX_CORRECTIONS = 12
 _CONTRACTION = 0.5  # corrections go on while each cuts the gradient to this or less: a tenth of the price of a factor
 _SMALLEST_SHIFT, _LARGEST_SHIFT = 1e-4, 1e8  # in units of the mean diagonal entry
 _SHIFT_GROWTH, _SHIFT_DECAY = 8.0, 0.1
+_HALF_STRESS, _DAMPING = 1e-3, 1e-4  # the shift at which half the stress is left out, and the identity's part in it
 _MAX_SHIFTS = 24
 _FLOOR = 1e-5  # steps below this fraction of the typical length that lower nothing are rounding
 _SADDLE = 1e-2  # steps below this fraction of the typical length, with a shift, may be at a saddle
@@ -38,6 +39,7 @@ class _Scene(eqx.Module):
     feasible: Callable[[Array, Array], Bool[Array, ""]]
     motions: Callable[[Array], Array] | None
     length: Scalar
+    stress: Callable[[Array], SparseSymmetric] | None
 
 
 class _Point(eqx.Module):
@@ -75,6 +77,8 @@ class SparseNewton(optx.AbstractMinimiser):
 
     - `options["hessian"]`: `y -> ` the Hessian, a sparse symmetric operator. Required.
     - `options["gradient"]`: `y -> ` the gradient; by default that of automatic differentiation.
+    - `options["stress"]`: `y -> ` the part of the Hessian that the others leave positive definite when it is taken
+        away, over the same pattern: the second derivatives of strain, times stress.
     - `options["feasible"]`: `(y, y_new) -> bool`, whether a step may be taken.
     - `options["motions"]`: `y -> ` motions that cost nothing, shape (n, k).
     - `options["length"]`: a typical length, such as that of an edge, against which steps are measured; 1 by default.
@@ -121,6 +125,7 @@ class SparseNewton(optx.AbstractMinimiser):
             feasible=options.get("feasible", lambda y, y_new: jnp.array(True)),
             motions=options.get("motions"),
             length=jnp.asarray(options.get("length", 1.0)),
+            stress=options.get("stress"),
         )
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> NewtonState:
@@ -176,13 +181,13 @@ class SparseNewton(optx.AbstractMinimiser):
         """Factorise H + sI with the smallest shift s tried, from the last one up, that leaves no negative
         eigenvalue."""
         hessian = scene.hessian(state.point.y)
-        if held is not None:
-            hessian = hold(hessian, held)
+        stress = None if scene.stress is None else scene.stress(state.point.y)
         unit = jnp.mean(jnp.abs(hessian.values[hessian.pattern.diagonal]))
 
         def attempt(carry):
             _, next_shift, _, tries = carry
-            factor = self.linear_solver.factorise(hessian.shifted(next_shift * unit))
+            matrix = _shifted(hessian, stress, next_shift, unit)
+            factor = self.linear_solver.factorise(matrix if held is None else hold(matrix, held))
             return factor, jnp.maximum(next_shift, _SMALLEST_SHIFT) * _SHIFT_GROWTH, next_shift, tries + 1
 
         unfit = lambda carry: (carry[3] == 0) | (~_usable(carry[0]) & (carry[3] < _MAX_SHIFTS))
@@ -196,6 +201,20 @@ class SparseNewton(optx.AbstractMinimiser):
 
     def postprocess(self, fn, y, aux, args, options, state: NewtonState, tags, result):
         return y, aux, {"factorisations": state.factorisations}
+
+
+def _shifted(hessian: SparseSymmetric, stress: SparseSymmetric | None, shift: Scalar, unit: Scalar) -> SparseSymmetric:
+    """The Hessian made more positive: by the identity, or where the part due to stress is known, by less of that.
+
+    Compressed shells have negative eigenvalues far beyond the first one to buckle. With the identity the last, of short
+    waves, is the softest direction that is left, and leads to crumpled states; with less stress it is the first.
+    """
+    if stress is None:
+        return hessian.shifted(shift * unit)
+    left_out = shift / (shift + _HALF_STRESS)
+    less = SparseSymmetric(hessian.pattern, hessian.values - left_out * stress.values)
+    # Once no stress is left, the identity takes over.
+    return less.shifted(_DAMPING * shift * (1 + shift) ** 2 * unit)
 
 
 def _usable(factor: Factor) -> Bool[Array, ""]:
