@@ -29,6 +29,8 @@ from ._analysis import (
     Modes as Modes,
     TaylorReport as TaylorReport,
     identifiability as identifiability,
+    energy_density as energy_density,
+    membrane_stress as membrane_stress,
     taylor_test as taylor_test,
     vibration_modes as vibration_modes,
 )
@@ -109,7 +111,13 @@ from ._loss import (
 )
 from ._mesh.mesh import Mesh as Mesh
 from ._path import Path as Path, Ramp as Ramp, follow as follow, relax as relax
-from ._plot import plot as plot, plot_history as plot_history
+from ._plot import (
+    Film as Film,
+    Snapshots as Snapshots,
+    animate as animate,
+    plot as plot,
+    plot_history as plot_history,
+)
 from ._problem import InverseProblem as InverseProblem
 from ._rest import RestShape as RestShape
 from ._starts import (

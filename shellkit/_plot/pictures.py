@@ -12,10 +12,12 @@ from jaxtyping import ArrayLike
 from .._align import Aligner
 from .._director_layers import Directors
 from .._history import FitResult
+from .._problem import InverseProblem
 from .fields import Field, field_from, field_names, field_of
 from .opengl import has_display, require_opengl
-from .scene import draw
+from .scene import Look, stage
 from .shapes import Drawable, Shape, Target, shapes_of
+from .web import write_page
 
 
 if TYPE_CHECKING:
@@ -32,11 +34,13 @@ def plot(
     color: str | ArrayLike | bool | None = None,
     name: str | None = None,
     unit: str | None = None,
+    stress_unit: str | None = None,
     color_map: str | None = None,
     color_range: tuple[float, float] | None = None,
     directors: Directors = True,
     target: Target = None,
     aligner: Aligner | None = None,
+    problem: InverseProblem | None = None,
     edges: bool | None = None,
     title: str | Sequence[str] | None = None,
     camera: Any = None,
@@ -48,7 +52,8 @@ def plot(
 
     What is drawn depends on the thing: of a [`shellkit.Mesh`][] the surface, of an [`shellkit.Equilibrium`][] the
     relaxed surface, of an [`shellkit.InverseProblem`][] the surface at rest with the directors that are to be imprinted
-    on it, of a [`shellkit.FitResult`][] the best design: at rest, relaxed, and beside its target.
+    on it, of a [`shellkit.FitResult`][] the best design: at rest, relaxed, and beside its target, of a
+    [`shellkit.Path`][] up to four of its equilibria.
 
     Directors are drawn as lines a little off the side that normals point to, in vermilion for the top layer and in blue
     below it for the bottom one. On a relaxed surface they are carried along with the material. On a fine mesh only an
@@ -63,13 +68,16 @@ def plot(
     - `color`: what to colour the surface by: an array with one number a vertex or face, or a name. Any surface has
         `"mean curvature"`, `"gauss curvature"` and the names in `mesh.vertex_data` and `mesh.face_data`. An equilibrium
         also has `"displacement"` (from the surface at rest), `"stretch"` (the larger principal stretch against the
-        surface at rest), `"actuation"` (the same of the actuated rest metric), `"strain"` (the larger deviation from 1
-        of the principal stretches against the actuated rest metric, the elastic part) and `"thickness"`; with a target
-        there is `"error"`, the distance of each vertex from its partner in the target (from the nearest point of a
-        target with other vertices). `None`: the error if there is a target, else the displacement of an equilibrium,
-        else nothing. `False`: nothing. A panel without the field stays plain.
+        surface at rest) and `"strain"` (the larger deviation from 1 of the principal stretches against the actuated
+        rest metric, the elastic part); it and a problem have `"actuation"` (the larger principal stretch of the
+        actuated rest metric) and `"thickness"`. With a target there is `"error"`, the distance of each vertex from its
+        partner in the target (from the nearest point of a target with other vertices). Where the problem of an
+        equilibrium is known, there are `"stress"` (von Mises, of [`shellkit.membrane_stress`][]) and
+        `"energy density"` ([`shellkit.energy_density`][]). `None`: the error if there is a target, else the
+        displacement of an equilibrium, else nothing. `False`: nothing. A panel without the field stays plain.
     - `name`: the heading of the colour bar for an array.
     - `unit`: the unit of length for the colour bar, such as `"mm"`.
+    - `stress_unit`: that of the moduli, such as `"MPa"`.
     - `color_map`: the name of a map of matplotlib; by default `cividis`, or `PuOr_r` around zero for values of either
         sign. Under directors the map is paler, and `Purples` by default.
     - `color_range`: the ends of the map; by default those of all panels together.
@@ -80,6 +88,7 @@ def plot(
         own, and by default the target of its [`shellkit.VertexDistance`][].
     - `aligner`: how a shape is laid on the target. By default that of the fit's loss; [`shellkit.Kabsch`][] for an
         equilibrium; a mesh stays where it is.
+    - `problem`: what an equilibrium or a path belongs to: for its directors, its stress and its energy density.
     - `edges`: whether to draw the edges of the mesh; by default, unless it is fine.
     - `title`: a line above the picture, or one for each panel.
     - `camera`: the direction in which the camera stands, seen from the surface, three numbers; or a camera position of
@@ -100,7 +109,7 @@ def plot(
 
         ```python
         sk.plot(mesh, color="mean curvature", save="curvature.png")
-        sk.plot(problem(), directors=problem.actuation, color="strain")
+        sk.plot(problem(), problem=problem, color="stress", stress_unit="MPa")
         sk.plot(sk.fit(problem, optax.adam(0.1), steps=200), save="design.png")
         ```
     """
@@ -108,33 +117,25 @@ def plot(
         raise ValueError("plot: show=True needs a screen, and there is none; write the picture to a file with save=...")
     path = None if save is None else _checked_path(save)
     things = list(thing) if isinstance(thing, Sequence) else [thing]
-    shapes = [shape for each in things for shape in shapes_of(each, directors, target, aligner)]
+    shapes = [shape for each in things for shape in shapes_of(each, directors, target, aligner, problem)]
     if not shapes:
         raise ValueError("plot: an empty list; give at least one thing to draw.")
     shapes = _titled(shapes, title)
-    fields = _fields(shapes, color, name)
+    fields = fields_of(shapes, color, name)
 
     require_opengl()
-    import pyvista as pv
-
-    off_screen = (path is not None and not show) or not has_display()
-    window = (size[0] * len(shapes), size[1])
-    plotter = pv.Plotter(
-        shape=(1, len(shapes)), off_screen=off_screen or None, window_size=list(window), border=False, lighting="none"
-    )
-    plotter.background_color = pv.Color("white")
-    plotter.enable_anti_aliasing("ssaa")
-    draw(
-        plotter,
-        shapes,
-        fields,
-        overlay=not any(isinstance(each, FitResult) for each in things),
+    look = Look(
         edges=edges,
         color_map=color_map,
         color_range=color_range,
         unit=unit,
+        stress_unit=stress_unit,
         camera=camera,
+        size=size,
+        overlay=not any(isinstance(each, FitResult) for each in things),
     )
+    off_screen = (path is not None and not show) or not has_display()
+    plotter = stage(shapes, fields, look, off_screen=off_screen or None)
     if show:
         plotter.show(auto_close=False)
     if path is not None and path.suffix.lower() not in _PIXELS:
@@ -162,11 +163,7 @@ def _export(plotter: "Plotter", path: Path) -> None:
     elif suffix == ".gltf":
         plotter.export_gltf(str(path))
     else:
-        try:
-            import trame_pyvista  # noqa: F401 (gives plotters their `trame`)
-        except ImportError as error:
-            raise ImportError(f"plot: writing {path} needs trame: pip install 'shellkit[html]'. ({error})") from error
-        plotter.trame.export_html(str(path))
+        write_page(plotter, path)
 
 
 def _titled(shapes: list[Shape], title: str | Sequence[str] | None) -> list[Shape]:
@@ -178,7 +175,7 @@ def _titled(shapes: list[Shape], title: str | Sequence[str] | None) -> list[Shap
     return [dataclasses.replace(shape, title=text) for shape, text in zip(shapes, titles, strict=True)]
 
 
-def _fields(shapes: list[Shape], color: str | ArrayLike | bool | None, name: str | None) -> list[Field | None]:
+def fields_of(shapes: list[Shape], color: str | ArrayLike | bool | None, name: str | None) -> list[Field | None]:
     """The field of each panel."""
     if isinstance(color, bool) and not color:
         return [None] * len(shapes)

@@ -1,6 +1,7 @@
 """How shapes are drawn: one panel each, side by side, all seen by the same camera."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,45 +19,79 @@ _MOST_EDGES_SHOWN = 6000
 _MATT = {"ambient": 0.5, "diffuse": 0.63, "specular": 0.0}
 
 
-def draw(
-    plotter: Any,
+@dataclass(frozen=True)
+class Look:
+    """How everything in a picture is drawn."""
+
+    edges: bool | None = None
+    color_map: str | None = None
+    color_range: tuple[float, float] | None = None
+    unit: str | None = None
+    stress_unit: str | None = None
+    camera: Any = None
+    size: tuple[int, int] = (600, 640)
+    overlay: bool = True
+
+
+def stage(
     shapes: Sequence[Shape],
     fields: Sequence[Field | None],
+    look: Look,
     *,
-    overlay: bool,
-    edges: bool | None,
-    color_map: str | None,
-    color_range: tuple[float, float] | None,
-    unit: str | None,
-    camera: Any,
-) -> None:
-    """Fill the panels of a plotter, which has as many columns as there are shapes."""
+    off_screen: bool | None,
+    seen: np.ndarray | None = None,
+) -> Any:
+    """A plotter with a panel for each shape, that shows them all, or all of the points `seen`."""
+    import pyvista as pv
+
+    plotter = pv.Plotter(
+        shape=(1, len(shapes)),
+        off_screen=off_screen,
+        window_size=[look.size[0] * len(shapes), look.size[1]],
+        border=False,
+        lighting="none",
+    )
+    plotter.background_color = pv.Color("white")
+    plotter.enable_anti_aliasing("ssaa")
+    _draw(plotter, shapes, fields, look)
+    _aim(plotter, len(shapes), points_of(shapes, look.overlay) if seen is None else seen, look.camera)
+    return plotter
+
+
+def points_of(shapes: Sequence[Shape], overlay: bool) -> np.ndarray:
+    """All points that are drawn."""
+    seen = [shape.points for shape in shapes]
+    seen += [shape.target.points for shape in shapes if overlay and shape.target is not None]
+    return np.concatenate(seen)
+
+
+def _draw(plotter: Any, shapes: Sequence[Shape], fields: Sequence[Field | None], look: Look) -> None:
     shown = [field for field in fields if field is not None]
-    limits = _limits(shown) if color_range is None else color_range
+    limits = color_limits(shown) if look.color_range is None else look.color_range
     keyed = next((k for k, shape in enumerate(shapes) if shape.layers), None)
     colored = [k for k, field in enumerate(fields) if field is not None]
     barred = colored[len(colored) // 2] if colored else None
-    size = min(plotter.window_size[0] / len(shapes), plotter.window_size[1])
+    size = float(min(look.size))
     for k, (shape, field) in enumerate(zip(shapes, fields, strict=True)):
         plotter.subplot(0, k)
         _light(plotter)
         name = f"surface {k}"
-        _draw_surface(plotter, shape, field, edges, _colors(color_map, limits, bool(shape.layers)), limits, name)
+        colors = _colors(look.color_map, limits, bool(shape.layers))
+        _draw_surface(plotter, shape, field, look.edges, colors, limits, name)
         for level, angles in enumerate(shape.layers[::-1], 1):
             number = len(shape.layers) - level
-            look = (palette.LAYERS[number % 2], f"directors {k} {number}")
-            _draw_directors(plotter, shape, angles, level, level < len(shape.layers), *look)
-        if overlay and shape.target is not None:
+            dress = (palette.LAYERS[number % 2], f"directors {k} {number}")
+            _draw_directors(plotter, shape, angles, level, level < len(shape.layers), *dress)
+        if look.overlay and shape.target is not None:
             _draw_wireframe(plotter, shape.target, f"target {k}")
         _write(plotter, shape.title, 0.5, 1 - 0.5 * _TOP, size / 26, palette.TEXT, f"title {k}")
         if k == barred and field is not None:
-            _draw_bar(plotter, name, field.heading(unit), size)
+            _draw_bar(plotter, name, field.heading(look.unit, look.stress_unit), size)
         if k == keyed:
             _draw_key(plotter, shape, size)
-    _look(plotter, shapes, overlay, camera)
 
 
-def _limits(fields: Sequence[Field]) -> tuple[float, float] | None:
+def color_limits(fields: Sequence[Field]) -> tuple[float, float] | None:
     """One range for all panels: symmetric about zero for values of either sign, from zero where they begin near it."""
     if not fields:
         return None
@@ -171,24 +206,21 @@ def _draw_bar(plotter: Any, surface_name: str, heading: str, size: float) -> Non
     _write(plotter, heading, 0.5, 0.55 * _BOTTOM, size / 32, palette.TEXT, f"heading of {surface_name}")
 
 
-def _look(plotter: Any, shapes: Sequence[Shape], overlay: bool, camera: Any) -> None:
-    """One camera for all panels, as near as lets all of every shape be seen."""
-    seen = [shape.points for shape in shapes]
-    seen += [shape.target.points for shape in shapes if overlay and shape.target is not None]
-    points = np.concatenate(seen)
+def _aim(plotter: Any, panels: int, points: np.ndarray, camera: Any) -> None:
+    """One camera for all panels, as near as lets all points be seen."""
     plotter.link_views()
     plotter.subplot(0, 0)
     if isinstance(camera, str) or (camera is not None and np.shape(camera) != (3,)):
         plotter.camera_position = camera
         return
-    toward = _default_direction(points) if camera is None else np.asarray(camera, float)
+    toward = default_direction(points) if camera is None else np.asarray(camera, float)
     toward = toward / np.linalg.norm(toward)
     up = np.array([0.0, 0.0, 1.0]) if abs(toward[2]) < 0.99 else np.array([0.0, 1.0, 0.0])
     right = np.cross(up, toward)
     right /= np.linalg.norm(right)
     up = np.cross(toward, right)
 
-    wide = plotter.window_size[0] / len(shapes) / plotter.window_size[1]
+    wide = plotter.window_size[0] / panels / plotter.window_size[1]
     usable = 1 - _TOP - _BOTTOM
     slope = np.tan(np.deg2rad(_VIEW_ANGLE) / 2)
     axes = np.stack([right, up, toward])
@@ -202,12 +234,12 @@ def _look(plotter: Any, shapes: Sequence[Shape], overlay: bool, camera: Any) -> 
     view.view_angle = _VIEW_ANGLE
     view.focal_point, view.position, view.up = focus, focus + distance * toward, up
     view.SetWindowCenter(0.0, _TOP - _BOTTOM)
-    for k in range(len(shapes)):
+    for k in range(panels):
         plotter.subplot(0, k)
         plotter.reset_camera_clipping_range()
 
 
-def _default_direction(points: np.ndarray) -> np.ndarray:
+def default_direction(points: np.ndarray) -> np.ndarray:
     """From a little above, and from further above what is flat."""
     extent = np.ptp(points, axis=0)
     flat = extent[2] < 0.35 * extent[:2].max()

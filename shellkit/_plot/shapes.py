@@ -1,6 +1,7 @@
 """What there is to draw: each panel of a picture shows one shape, and this is where meshes, equilibria, problems and
 fits become shapes."""
 
+import dataclasses
 from dataclasses import dataclass
 
 import jax.numpy as jnp
@@ -13,11 +14,14 @@ from .._equilibrium import Equilibrium
 from .._history import FitResult
 from .._loss import Loss, SumOfLosses, VertexDistance, WeightedLoss
 from .._mesh.mesh import Mesh
+from .._path import Path
 from .._problem import InverseProblem
 
 
-Drawable = Mesh | Equilibrium | InverseProblem | FitResult
+Drawable = Mesh | Equilibrium | InverseProblem | FitResult | Path
 Target = Mesh | Equilibrium | InverseProblem | ArrayLike | None
+
+_MOST_OF_A_PATH = 4
 
 
 @dataclass(frozen=True)
@@ -30,6 +34,7 @@ class Shape:
     layers: tuple[np.ndarray, ...] = ()
     equilibrium: Equilibrium | None = None
     target: "Shape | None" = None
+    problem: InverseProblem | None = None
 
     def error(self) -> np.ndarray | None:
         """How far each vertex is from its partner in the target, or from a target of another mesh."""
@@ -50,26 +55,73 @@ def surface(shape: Shape):
     return pv.PolyData.from_regular_faces(shape.points, np.asarray(shape.mesh.faces))
 
 
-def shapes_of(thing: Drawable, directors: Directors, target: Target, aligner: Aligner | None) -> list[Shape]:
-    """The shapes that show a thing; more than one for a fit."""
+def shapes_of(
+    thing: Drawable, directors: Directors, target: Target, aligner: Aligner | None, problem: InverseProblem | None
+) -> list[Shape]:
+    """The shapes that show a thing; more than one for a path and a fit."""
     if isinstance(thing, Mesh):
         shape = Shape(thing, np.asarray(thing.vertices), layers=director_layers("plot", thing, None, directors))
         return [_with_target(shape, _target_of(target, thing), aligner)]
     if isinstance(thing, Equilibrium):
-        return [
-            _relaxed(
-                thing, director_layers("plot", thing.mesh, None, directors), _target_of(target, thing.mesh), aligner
-            )
-        ]
+        return [relaxed_shape(thing, problem, directors, target, aligner)]
     if isinstance(thing, InverseProblem):
         shape = _at_rest(thing, directors)
         return [_with_target(shape, _target_of(target, thing.mesh), aligner)]
     if isinstance(thing, FitResult):
         return _fit_shapes(thing, directors, target, aligner)
+    if isinstance(thing, Path):
+        shapes = path_shapes(thing, directors, target, aligner, problem)
+        chosen = np.linspace(0, len(shapes) - 1, min(len(shapes), _MOST_OF_A_PATH)).round().astype(int)
+        return [shapes[k] for k in chosen]
     raise ValueError(
-        f"plot: cannot draw a {type(thing).__name__}; give a Mesh, an Equilibrium, an InverseProblem, a FitResult, or "
-        "a list of them."
+        f"plot: cannot draw a {type(thing).__name__}; give a Mesh, an Equilibrium, an InverseProblem, a FitResult, a "
+        "Path, or a list of them."
     )
+
+
+def relaxed_shape(
+    equilibrium: Equilibrium,
+    problem: InverseProblem | None,
+    directors: Directors,
+    target: Target,
+    aligner: Aligner | None,
+) -> Shape:
+    """An equilibrium where it is drawn, with its directors if the problem or the caller tells them."""
+    mesh = equilibrium.mesh
+    actuation = None if problem is None else problem.actuation
+    layers, goal = director_layers("plot", mesh, actuation, directors), _target_of(target, mesh)
+    shape = Shape(mesh, np.asarray(equilibrium.vertices), "", layers, equilibrium, None, problem)
+    same = goal is not None and goal.points.shape == shape.points.shape
+    # A relaxed shell may lie anywhere in space.
+    return _with_target(shape, goal, Kabsch() if aligner is None and same else aligner)
+
+
+def path_shapes(
+    path: Path, directors: Directors, target: Target, aligner: Aligner | None, problem: InverseProblem | None
+) -> list[Shape]:
+    """Every equilibrium of a path."""
+    titles = [f"{progress:.0%}" for progress in np.asarray(path.progress).tolist()]
+    # Fields of the material, too, belong to the moment.
+    problems = [None if problem is None else problem.at(progress) for progress in path.progress]
+    return [
+        dataclasses.replace(relaxed_shape(each, partial, directors, target, aligner), title=title)
+        for each, partial, title in zip(path.equilibria, problems, titles, strict=True)
+    ]
+
+
+def fit_shapes(
+    problem: InverseProblem,
+    equilibrium: Equilibrium,
+    directors: Directors,
+    target: Target,
+    aligner: Aligner | None,
+) -> list[Shape]:
+    """A design at rest and relaxed, beside the target of its loss."""
+    wanted = None if problem.loss is None else _wanted(problem.loss)
+    if wanted is not None:
+        target = wanted.target if target is None else target
+        aligner = wanted.aligner if aligner is None else aligner
+    return [_at_rest(problem, directors), relaxed_shape(equilibrium, problem, directors, target, aligner)]
 
 
 def _fit_shapes(result: FitResult, directors: Directors, target: Target, aligner: Aligner | None) -> list[Shape]:
@@ -78,30 +130,16 @@ def _fit_shapes(result: FitResult, directors: Directors, target: Target, aligner
         raise ValueError(
             f"plot: the fit trained a {type(problem).__name__}, which is no InverseProblem; plot its parts one by one."
         )
-    wanted = None if problem.loss is None else _wanted(problem.loss)
-    if wanted is not None:
-        target = wanted.target if target is None else target
-        aligner = wanted.aligner if aligner is None else aligner
-    goal = _target_of(target, problem.mesh)
-    start = _at_rest(problem, directors)
     equilibrium = problem() if result.equilibrium is None else result.equilibrium
-    best = _relaxed(equilibrium, start.layers, goal, aligner)
-    shapes = [_titled(start, "at rest"), _titled(best, "relaxed")]
-    return shapes if goal is None else [*shapes, _titled(goal, "target")]
+    start, best = fit_shapes(problem, equilibrium, directors, target, aligner)
+    shapes = [dataclasses.replace(start, title="at rest"), dataclasses.replace(best, title="relaxed")]
+    return shapes if best.target is None else [*shapes, dataclasses.replace(best.target, title="target")]
 
 
 def _at_rest(problem: InverseProblem, directors: Directors) -> Shape:
     mesh = problem.mesh
-    return Shape(mesh, np.asarray(mesh.vertices), layers=director_layers("plot", mesh, problem.actuation, directors))
-
-
-def _relaxed(
-    equilibrium: Equilibrium, layers: tuple[np.ndarray, ...], goal: Shape | None, aligner: Aligner | None
-) -> Shape:
-    shape = Shape(equilibrium.mesh, np.asarray(equilibrium.vertices), layers=layers, equilibrium=equilibrium)
-    same = goal is not None and goal.points.shape == shape.points.shape
-    # A relaxed shell may lie anywhere in space.
-    return _with_target(shape, goal, Kabsch() if aligner is None and same else aligner)
+    layers = director_layers("plot", mesh, problem.actuation, directors)
+    return Shape(mesh, np.asarray(mesh.vertices), layers=layers, problem=problem)
 
 
 def _with_target(shape: Shape, goal: Shape | None, aligner: Aligner | None) -> Shape:
@@ -109,11 +147,7 @@ def _with_target(shape: Shape, goal: Shape | None, aligner: Aligner | None) -> S
         return shape
     aligner = NoAlignment() if aligner is None else aligner
     points = np.asarray(aligner(jnp.asarray(shape.points), jnp.asarray(goal.points)))
-    return Shape(shape.mesh, points, shape.title, shape.layers, shape.equilibrium, goal)
-
-
-def _titled(shape: Shape, title: str) -> Shape:
-    return Shape(shape.mesh, shape.points, title, shape.layers, shape.equilibrium, shape.target)
+    return dataclasses.replace(shape, points=points, target=goal)
 
 
 def _target_of(target: Target, mesh: Mesh) -> Shape | None:
@@ -124,7 +158,7 @@ def _target_of(target: Target, mesh: Mesh) -> Shape | None:
     if isinstance(target, Equilibrium):
         return Shape(target.mesh, np.asarray(target.vertices), equilibrium=target)
     if isinstance(target, InverseProblem):
-        return _relaxed(target(), director_layers("plot", target.mesh, target.actuation, True), None, None)
+        return relaxed_shape(target(), target, True, None, None)
     points = np.asarray(target, dtype=float)
     if points.shape != mesh.vertices.shape:
         raise ValueError(

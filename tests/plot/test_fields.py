@@ -9,8 +9,8 @@ from shellkit._plot.fields import field_of
 from shellkit._plot.shapes import shapes_of
 
 
-def values(thing, name, target=None, aligner=None):
-    (shape,) = shapes_of(thing, True, target, aligner)
+def values(thing, name, target=None, aligner=None, problem=None):
+    (shape,) = shapes_of(thing, True, target, aligner, problem)
     return field_of(shape, name).values
 
 
@@ -61,6 +61,25 @@ def test_data_of_the_mesh_are_fields():
     np.testing.assert_array_equal(values(mesh, "group"), np.arange(flat.n_faces))
 
 
+def test_stress_and_energy_of_a_sheet_pulled_all_ways(equilibrium_of):
+    sheet = sk.meshes.rectangle(2.0, 1.0, cells=(4, 3))
+    pulled = equilibrium_of(sheet, sheet.vertices * jnp.array([1.001, 1.001, 1.0]))
+    problem = sk.InverseProblem(sheet, 0.1, sk.StVenantKirchhoff.from_young(2.0, 0.25))
+    # Plane stress, to first order in the strain: sigma = E eps / (1 - nu), and w = h sigma eps.
+    np.testing.assert_allclose(values(pulled, "stress", problem=problem), 2.0 * 0.001 / 0.75, rtol=3e-3)
+    density = values(pulled, "energy density", problem=problem)
+    np.testing.assert_allclose(density, 0.1 * 2.0 * 0.001**2 / 0.75, rtol=3e-3)
+
+
+def test_a_problem_at_rest_shows_its_actuation(problem):
+    (shape,) = shapes_of(problem, True, None, None, None)
+    np.testing.assert_allclose(field_of(shape, "thickness").values, 0.1)
+    metric = sk.first_form(problem.mesh.vertices, problem.mesh)
+    expected = np.sqrt(np.linalg.eigvals(np.linalg.solve(metric, problem.rest_shape().metric)).max(axis=1))
+    np.testing.assert_allclose(field_of(shape, "actuation").values, expected, rtol=1e-12)
+    assert field_of(shape, "stress") is None and field_of(shape, "strain") is None
+
+
 @pytest.mark.parametrize(
     ("name", "unit", "heading"),
     [
@@ -72,5 +91,5 @@ def test_data_of_the_mesh_are_fields():
     ],
 )
 def test_headings_have_the_unit(moved, name, unit, heading):
-    (shape,) = shapes_of(moved, True, None, None)
-    assert field_of(shape, name).heading(unit) == heading
+    (shape,) = shapes_of(moved, True, None, None, None)
+    assert field_of(shape, name).heading(unit, None) == heading

@@ -1,5 +1,10 @@
 """What a scene holds, what is refused, and that something is drawn."""
 
+import json
+import re
+import shutil
+import subprocess
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -45,6 +50,22 @@ def test_an_equilibrium_is_coloured_by_its_displacement(draw, moved):
     expected = np.linalg.norm(moved.vertices - moved.mesh.vertices, axis=1)
     np.testing.assert_allclose(drawn_mesh(plotter, "surface 0").point_data["displacement"], expected, rtol=1e-12)
     assert any("heading" in name for name in actors(plotter)[0])
+
+
+def test_a_path_is_four_of_its_equilibria(draw, sphere, equilibrium_of):
+    shapes = tuple(equilibrium_of(sphere, (1 + 0.1 * k) * sphere.vertices) for k in range(1, 8))
+    plotter = draw(sk.Path(jnp.linspace(0, 1, 8)[1:], shapes, ()))
+    assert plotter.shape == (1, 4)
+    sizes = [np.linalg.norm(drawn_mesh(plotter, f"surface {k}", k).points, axis=1).mean() for k in range(4)]
+    np.testing.assert_allclose(sizes, [1.1, 1.3, 1.5, 1.7], rtol=1e-6)
+    assert [plotter.renderers[k].actors[f"title {k}"].input for k in (0, 3)] == ["14%", "100%"]
+
+
+def test_an_equilibrium_has_the_directors_and_stress_of_its_problem(draw, problem, moved):
+    plotter = draw(moved, problem=problem, color="stress", stress_unit="MPa")
+    assert {"directors 0 0", "directors 0 1"} < set(actors(plotter)[0])
+    assert plotter.renderers[0].actors["heading of surface 0"].input == "stress (MPa)"
+    assert len(drawn_mesh(plotter, "surface 0").cell_data["stress"]) == moved.mesh.n_faces
 
 
 def test_each_layer_has_its_own_lines(draw, problem, sphere):
@@ -128,6 +149,51 @@ def test_other_files_are_written(draw, sphere, tmp_path):
     for name in ("scene.svg", "scene.gltf"):
         draw(sphere, color="mean curvature", save=tmp_path / name)
         assert (tmp_path / name).stat().st_size > 1000
+
+
+def test_gltf_holds_the_surface_and_its_lines(draw, sphere, tmp_path):
+    draw(sphere, color="mean curvature", directors=jnp.zeros(sphere.n_faces), save=tmp_path / "scene.gltf")
+    scene = json.loads((tmp_path / "scene.gltf").read_text())
+    assert scene["asset"]["version"] == "2.0"
+    counts = [scene["accessors"][each["primitives"][0]["attributes"]["POSITION"]]["count"] for each in scene["meshes"]]
+    assert sphere.n_vertices in counts and max(counts) > 8 * 2 * sphere.n_faces  # tubes of eight sides
+    assert all(buffer["uri"].startswith("data:") for buffer in scene["buffers"])
+
+
+def test_a_page_needs_nothing_from_elsewhere(draw, sphere, tmp_path):
+    pytest.importorskip("trame_pyvista")
+    draw([sphere, sphere], color="mean curvature", title=["one & two", ""], unit="mm", save=tmp_path / "scene.html")
+    page = (tmp_path / "scene.html").read_text(encoding="utf-8")
+    assert "<title>scene</title>" in page
+    assert ">one &amp; two</div>" in page and ">mean curvature (1/mm)</div>" in page
+    # What a browser would fetch: in attributes, styles and scripts. Notices of copyright hold addresses too.
+    asked_for = re.findall(r"""(?:src|href|url|fetch|import|from)\s*[=(]?\s*["'`]?\s*(?:https?:)?//[\w.]+""", page)
+    assert not asked_for and "favicon-" not in page.replace("data:,favicon-", "")
+    policy = re.search(r'http-equiv="Content-Security-Policy" content="([^"]*)"', page)[1]
+    assert "http" not in policy and policy.startswith("default-src data: blob:")
+
+
+@pytest.mark.slow
+def test_a_browser_draws_a_page_without_a_network(sphere, tmp_path):
+    from PIL import Image
+
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    if browser is None:
+        pytest.skip("no browser")
+    pytest.importorskip("trame_pyvista")
+    sk.plot(sphere, directors=jnp.zeros(sphere.n_faces), save=tmp_path / "scene.html", **SMALL).close()
+    flags = "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking "
+    flags += "--disable-component-update --disable-sync --enable-unsafe-swiftshader --virtual-time-budget=15000"
+    places = [f"--user-data-dir={tmp_path / 'profile'}", f"--log-net-log={tmp_path / 'net.json'}"]
+    places += [f"--screenshot={tmp_path / 'page.png'}", "--window-size=400,400", (tmp_path / "scene.html").as_uri()]
+    command = [browser, *flags.split(), *places]
+    done = subprocess.run(command, capture_output=True, timeout=120)
+    assert done.returncode == 0
+    asked = set(re.findall(r'"url":"(https?://[^"/]*)', (tmp_path / "net.json").read_text()))
+    assert all("google" in each for each in asked), asked  # the browser's own
+    picture = np.asarray(Image.open(tmp_path / "page.png").convert("RGB"), dtype=int)
+    orange = (picture[..., 0] - picture[..., 2]) > 100
+    assert (picture < 250).any(axis=2).mean() > 0.1 and orange.sum() > 100
 
 
 def test_what_is_wrong_is_said(sphere, moved, tmp_path):
