@@ -81,7 +81,39 @@ def thickened(path: Path) -> None:
     _shrink(path)
 
 
-PICTURES = {"streamlines.png": streamlines, "director-image.png": director_image, "thickened.png": thickened}
+def heated_strip() -> tuple[sk.InverseProblem, sk.Path]:
+    """A strip that rolls up as it is heated, as in docs/how-to/pictures.md."""
+    mesh = sk.meshes.rectangle(40.0, 12.0, cells=(20, 6), diagonals="alternating")
+    along = sk.director_angles(mesh, jnp.array([1.0, 0.0, 0.0]))
+    problem = sk.InverseProblem(
+        mesh=mesh,
+        thickness=1.0,
+        actuation=sk.Bilayer(sk.Nematic(along, stretch=0.96), sk.Nematic(along + jnp.pi / 2, stretch=0.96)),
+        energy=sk.StVenantKirchhoff.from_young(1.0, 0.4) + sk.Bending.from_young(1.0, 0.4, form="tan"),
+    )
+    return problem, sk.follow(problem, sk.Ramp(16))
+
+
+def stress(path: Path) -> None:
+    """The rolled strip under its stress."""
+    problem, ramp = heated_strip()
+    sk.plot(ramp.equilibria[-1], problem=problem, color="stress", stress_unit="MPa", directors=False, save=path).close()
+    _shrink(path)
+
+
+def ramp(path: Path) -> None:
+    """The strip as it rolls up."""
+    _, ramp = heated_strip()
+    sk.animate(ramp, path, color="displacement", unit="mm", size=(240, 256), fps=8)
+
+
+PICTURES = {
+    "streamlines.png": streamlines,
+    "director-image.png": director_image,
+    "thickened.png": thickened,
+    "stress.png": stress,
+    "ramp.gif": ramp,
+}
 
 
 if __name__ == "__main__":

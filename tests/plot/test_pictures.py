@@ -1,5 +1,6 @@
 """What a scene holds, what is refused, and that something is drawn."""
 
+import importlib
 import json
 import re
 import shutil
@@ -218,9 +219,10 @@ def test_what_is_wrong_is_said(sphere, moved, tmp_path):
 
 
 def test_missing_opengl_is_said_before_vtk_fails(monkeypatch):
-    from vtkmodules import vtkRenderingCore
-
     from shellkit._plot import opengl
+
+    # By its full name: trame puts another module of the name into the package.
+    vtkRenderingCore = importlib.import_module("vtkmodules.vtkRenderingCore")
 
     class vtkOSOpenGLRenderWindow:
         """What VTK falls back to where it finds nothing."""
