@@ -246,7 +246,9 @@ def _write_gif(path: pathlib.Path, pictures: list[np.ndarray], fps: float | int,
     # One palette for all frames, or colours flicker.
     chosen = [pictures[k] for k in np.unique(np.linspace(0, len(pictures) - 1, 5).round().astype(int))]
     palette = Image.fromarray(np.concatenate(chosen)).quantize(255, method=Image.Quantize.MEDIANCUT)
-    palette.putpalette([*(palette.getpalette() or [])[: 3 * 255], 255, 255, 255])  # white stays white
+    # The background stays white.
+    colors = np.array(palette.getpalette() or ()).reshape(-1, 3)
+    palette.putpalette(np.where((colors > 245).all(axis=1, keepdims=True), 255, colors).ravel().tolist())
     images = [Image.fromarray(each).quantize(palette=palette, dither=Image.Dither.NONE) for each in pictures]
     usual = max(10, 10 * round(100 / fps))
     durations = [usual] * (len(images) - 1) + [usual + round(1000 * pause)]

@@ -49,6 +49,7 @@ def test_a_path_is_a_film(path, tmp_path):
     assert film.frames == len(frames) == 3 and loop == 0
     assert times == [50, 50, 550]
     assert all(frame.shape == (120, 120, 3) for frame in frames)
+    assert all((frame[:, 0] == 255).all() for frame in frames)
     # The camera stays while the sheet rises out of its plane.
     tops = [filled(frame[20:90])[0].min() for frame in frames]
     assert tops[0] > tops[1] > tops[2]
