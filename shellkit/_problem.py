@@ -192,11 +192,10 @@ class InverseProblem(eqx.Module):
             self.solver,
             y0,
             options={
-                "gradient": still.gradient,
-                "hessian": still.hessian,
+                "value_and_gradient": still.value_and_gradient,
+                "derivatives": still.derivatives,
                 "feasible": _Feasible(still),
                 "motions": motions,
-                "stress": None if still.faces is None else still.stress,
                 "length": jax.lax.stop_gradient(_mean_edge_length(self.mesh)),
             },
             max_steps=self._step_limit(),
@@ -211,14 +210,16 @@ class InverseProblem(eqx.Module):
 
     def _report(self, energy, solution, vertices, directors, reactions, motions, linear_solver) -> Equilibrium:
         y = solution.value
-        gradient = energy.gradient(y)
         converged = solution.result == optx.RESULTS.successful
         result = RESULTS.promote(solution.result)
         result = RESULTS.where(solution.result == optx.RESULTS.nonlinear_divergence, RESULTS.stuck, result)
         if isinstance(solution.state, NewtonState):
+            end = solution.state.point
+            value, gradient = end.value, end.gradient
             stable = converged
             factorisations = solution.stats["factorisations"]
         else:
+            value, gradient = energy.value_and_gradient(y)
             factor = linear_solver.factorise(_held_still(energy.hessian(y), motions, y))
             stable = factor.ok & (factor.negative <= 0)
             factorisations = jnp.ones((), jnp.int32)
@@ -236,7 +237,7 @@ class InverseProblem(eqx.Module):
             vertices=vertices,
             directors=directors,
             reactions=reactions,
-            energy=energy(y),
+            energy=value,
             gradient_norm=jnp.linalg.norm(gradient),
             steps=solution.stats["num_steps"],
             factorisations=factorisations,

@@ -164,21 +164,26 @@ class Assembly(eqx.Module):
             total = total.at[: 3 * self.n_vertices].set(forces.reshape(-1))
         return total
 
-    def matrix(
+    def matrices(
         self,
         faces: tuple[Float[Array, "F m m"], Float[Array, "6 3 3 F"]] | None,
         elements: tuple[Float[Array, "_ _ 3 _ 3"] | None, ...],
-    ) -> SparseSymmetric:
-        """Add up the Hessians of elements, over the free unknowns; `None` for those of a linear term."""
+    ) -> tuple[SparseSymmetric, SparseSymmetric | None]:
+        """Add up the Hessians of elements over the free unknowns, `None` for those of a linear term; and the part of the
+        sum that stress on the faces has."""
         values = jnp.zeros(self.pattern.nnz if self.frames is None else self.frames.n_entries)
+        stress = None
         if faces is not None:
             stiffness, geometric = faces
             # The smaller part first: XLA then adds the larger one in place.
-            values = values.at[self.corner_entries].add(geometric, mode="drop")
+            stress = values = values.at[self.corner_entries].add(geometric, mode="drop")
             values = values.at[self.face_entries].add(stiffness, mode="drop")
         for entries, hessian in zip(self.element_entries, elements, strict=True):
             if entries is not None and hessian is not None:
                 values = values.at[entries].add(hessian, mode="drop")
+        return self._operator(values), None if stress is None else self._operator(stress)
+
+    def _operator(self, values: Float[Array, " nnz"]) -> SparseSymmetric:
         return SparseSymmetric(self.pattern, values if self.frames is None else self.frames.turn(values))
 
 

@@ -78,28 +78,58 @@ class DiscreteEnergy(eqx.Module):
 
     def full_gradient(self, y: Float[Array, " n"]) -> Float[Array, " N"]:
         """The gradient in all unknowns; on the held ones it is the force by which their support acts on the shell."""
-        vertices, directors = self.state(y)
-        faces = None if self.faces is None else self.faces.gradient(vertices, directors)
-        total = self.assembly.vector(faces, tuple(elements.gradient(vertices) for elements in self.elements))
-        return total if self.moments is None else total.at[-self.assembly.n_directors :].add(-self.moments)
+        return self._value_and_full_gradient(y)[1]
 
     def gradient(self, y: Float[Array, " n"]) -> Float[Array, " n"]:
         """The gradient in the free unknowns."""
         return self.assembly.restrict(self.full_gradient(y))
 
-    def stress(self, y: Float[Array, " n"]) -> SparseSymmetric:
-        """The part of the Hessian that stress has by the second derivatives of lengths and hinge angles; without it the
-        Hessian is positive definite, or nearly so. Other terms have none."""
-        assert self.faces is not None
-        stiffness, geometric = self.faces.hessian(*self.state(y))
-        none = tuple(None for _ in self.elements)
-        return self.assembly.matrix((jnp.zeros_like(stiffness), geometric), none)
+    def value_and_gradient(self, y: Float[Array, " n"]) -> tuple[Scalar, Float[Array, " n"]]:
+        """The energy and its gradient in the free unknowns."""
+        value, gradient = self._value_and_full_gradient(y)
+        return value, self.assembly.restrict(gradient)
+
+    def derivatives(
+        self, y: Float[Array, " n"]
+    ) -> tuple[Scalar, Float[Array, " n"], SparseSymmetric, SparseSymmetric | None]:
+        """The energy, its gradient and its Hessian in the free unknowns, which share most of the work.
+
+        Last comes the part of the Hessian that stress has by the second derivatives of lengths and hinge angles;
+        without it the Hessian is positive definite, or nearly so. Only terms on faces have it.
+        """
+        vertices, directors = self.state(y)
+        total, on_faces, second = jnp.zeros(()), None, None
+        if self.faces is not None:
+            total, on_faces, second = self.faces.derivatives(vertices, directors)
+        total, gradient = self._with_elements(total, on_faces, vertices, directors)
+        matrices = self.assembly.matrices(second, tuple(elements.hessian(vertices) for elements in self.elements))
+        return total, self.assembly.restrict(gradient), *matrices
 
     def hessian(self, y: Float[Array, " n"]) -> SparseSymmetric:
         """The Hessian in the free unknowns."""
+        return self.derivatives(y)[2]
+
+    def _value_and_full_gradient(self, y: Float[Array, " n"]) -> tuple[Scalar, Float[Array, " N"]]:
         vertices, directors = self.state(y)
-        faces = None if self.faces is None else self.faces.hessian(vertices, directors)
-        return self.assembly.matrix(faces, tuple(elements.hessian(vertices) for elements in self.elements))
+        total, on_faces = jnp.zeros(()), None
+        if self.faces is not None:
+            total, on_faces = self.faces.value_and_gradient(vertices, directors)
+        return self._with_elements(total, on_faces, vertices, directors)
+
+    def _with_elements(
+        self, total: Scalar, on_faces: Float[Array, "m F"] | None, vertices: Array, directors: Array | None
+    ) -> tuple[Scalar, Float[Array, " N"]]:
+        """The energy and its gradient in all unknowns, from those of the faces."""
+        gradients = []
+        for elements in self.elements:
+            value, gradient = elements.value_and_gradient(vertices)
+            total = total + value
+            gradients.append(gradient)
+        assembled = self.assembly.vector(on_faces, tuple(gradients))
+        if self.moments is not None and directors is not None:
+            total = total - self.moments @ directors
+            assembled = assembled.at[-self.assembly.n_directors :].add(-self.moments)
+        return total, assembled
 
 
 def _director_moments(terms: list[tuple[Array | None, EnergyTerm]], mesh: Mesh) -> Float[Array, " E"] | None:

@@ -1,5 +1,8 @@
 """Energy, gradient and Hessian of a user's own term, by automatic differentiation of one element."""
 
+from collections.abc import Callable
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -16,7 +19,7 @@ class Elements(eqx.Module):
     data: PyTree[Array]
     stencil: Int[Array, "N k"]
 
-    def _map(self, function, vertices: Float[Array, "V 3"]) -> Array:
+    def _map(self, function: Callable, vertices: Float[Array, "V 3"]) -> Any:
         return jax.vmap(function)(vertices[self.stencil], self.data)
 
     def _weighted(self, value: Array) -> Array:
@@ -26,9 +29,10 @@ class Elements(eqx.Module):
         """The sum over all elements."""
         return self._weighted(jnp.sum(self._map(self.term.element_energy, vertices)))
 
-    def gradient(self, vertices: Float[Array, "V 3"]) -> Float[Array, "N k 3"]:
-        """Derivatives in the positions of each element."""
-        return self._weighted(self._map(jax.grad(self.term.element_energy), vertices))
+    def value_and_gradient(self, vertices: Float[Array, "V 3"]) -> tuple[Scalar, Float[Array, "N k 3"]]:
+        """The sum over all elements, and its derivatives in the positions of each element."""
+        values, gradients = self._map(jax.value_and_grad(self.term.element_energy), vertices)
+        return self._weighted(jnp.sum(values)), self._weighted(gradients)
 
     def hessian(self, vertices: Float[Array, "V 3"]) -> Float[Array, "N k 3 k 3"] | None:
         """Second derivatives in the positions of each element; `None` for a term that is linear in them."""

@@ -66,50 +66,60 @@ class FaceEnergies(eqx.Module):
     def _of_numbers(self, *numbers: Float[Array, " F"]) -> Float[Array, " F"]:
         return self._density(jnp.stack(numbers[:3]), jnp.stack(numbers[3:]) if len(numbers) > 3 else None)
 
-    def _stress(self, *numbers: Float[Array, " F"]) -> tuple[Float[Array, " F"], ...]:
-        """Derivative of the energy of each face in its own intrinsic numbers."""
+    def _value_and_stress(self, *numbers: Float[Array, " F"]) -> tuple[Float[Array, " F"], ...]:
+        """The energy of each face and its derivatives in the face's own intrinsic numbers."""
         value, pull_back = jax.vjp(self._of_numbers, *numbers)
-        return pull_back(jnp.ones_like(value))
+        return value, *pull_back(jnp.ones_like(value))
 
     def energy(self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None) -> Scalar:
         """The sum over all faces."""
         return jnp.sum(self._of_numbers(*self._intrinsic(vertices, directors)[2]))
 
-    def gradient(self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None) -> Float[Array, "m F"]:
-        """Derivatives in the m unknowns of each face, in the order of `unknowns`."""
+    def value_and_gradient(
+        self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None
+    ) -> tuple[Scalar, Float[Array, "m F"]]:
+        """The sum over all faces, and its derivatives in the m unknowns of each face, in the order of `unknowns`."""
         triangles, hinges, numbers = self._intrinsic(vertices, directors)
-        stress = jnp.stack(self._stress(*numbers))
+        value, *stress = self._value_and_stress(*numbers)
         # Kept in memory, or XLA computes them again for every component.
-        triangles, hinges, stress = jax.lax.optimization_barrier((triangles, hinges, stress))
+        triangles, hinges, stress = jax.lax.optimization_barrier((triangles, hinges, jnp.stack(stress)))
+        gradients = None if hinges is None else HingeGradients(triangles, hinges)
+        return jnp.sum(value), self._pull_back(triangles, hinges, gradients, stress)
+
+    def _pull_back(
+        self, triangles: Triangles, hinges: Hinges | None, gradients: HingeGradients | None, stress: Float[Array, "k F"]
+    ) -> Float[Array, "m F"]:
+        """From derivatives in the intrinsic numbers to those in the unknowns."""
         pull = 2.0 * stress[:3, None] * triangles.edges
-        if hinges is None:
+        if hinges is None or gradients is None:
             return jnp.concatenate(at_corners(-pull, pull))
-        tails, heads, near, far = HingeGradients(triangles, hinges).pull_back(hinges.near_part(stress[3:]))
+        tails, heads, near, far = gradients.pull_back(hinges.near_part(stress[3:]))
         corners = at_corners(tails - pull, heads + pull)
         parts = [*(own + shared for own, shared in zip(near, corners, strict=True)), *far]
         if self.free:
             parts.append(director_signs(self.mesh) * stress[3:])
         return jnp.concatenate(parts)
 
-    def hessian(
+    def derivatives(
         self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None
-    ) -> tuple[Float[Array, "F m m"], Float[Array, "6 3 3 F"]]:
-        """Second derivatives, as two sums over faces: of stiffness in the m unknowns, and of stress in the pairs of
-        corners.
+    ) -> tuple[Scalar, Float[Array, "m F"], tuple[Float[Array, "F m m"], Float[Array, "6 3 3 F"]]]:
+        """The sum over all faces, its gradient as in `value_and_gradient`, and its second derivatives.
 
-        The corners come in the order of `CORNER_PAIRS`. The stress on a hinge is gathered from both its faces first,
-        so the
-        sums are exact and single elements are not.
+        These come as two sums over faces: of stiffness in the m unknowns, and of stress in the pairs of corners, in the
+        order of `CORNER_PAIRS`. The stress on a hinge is gathered from both its faces first, so the sums are exact and
+        single elements are not.
         """
         triangles, hinges, numbers = self._intrinsic(vertices, directors)
-        stress, stiffness = _second_derivatives(self._stress, numbers)
+        value, stress, stiffness = _second_derivatives(self._value_and_stress, numbers)
         # What several of the sums below use is kept in memory, or XLA computes it again for each.
         triangles, hinges, stress, stiffness = jax.lax.optimization_barrier((triangles, hinges, stress, stiffness))
         rows = [[2.0 * SIGN[i, p] * triangles.edges[i] for p in range(3)] for i in range(3)]
         geometric = length_curvature(stress[:3])
+        gradients = None
         if hinges is not None:
             zero = jnp.zeros_like(triangles.area_normal)
-            on_corners, on_far = HingeGradients(triangles, hinges).rows()
+            gradients = HingeGradients(triangles, hinges)
+            on_corners, on_far = gradients.rows()
             rows = [[*row, zero, zero, zero] for row in rows]
             share = hinges.near_part(jnp.ones_like(hinges.angles))
             for i in range(3):
@@ -123,19 +133,21 @@ class FaceEnergies(eqx.Module):
             signs, none = director_signs(self.mesh), jnp.zeros_like(triangles.twice_area)[None]
             rows = [row + [signs[k][None] if i == 3 + k else none for k in range(3)] for i, row in enumerate(rows)]
         rows = jnp.transpose(jnp.stack([jnp.concatenate(row) for row in rows]), (2, 0, 1))
-        return _contract(rows, _contract(jnp.transpose(stiffness, (2, 0, 1)), rows)), geometric
+        stiffness = _contract(rows, _contract(jnp.transpose(stiffness, (2, 0, 1)), rows))
+        return jnp.sum(value), self._pull_back(triangles, hinges, gradients, stress), (stiffness, geometric)
 
 
 def _second_derivatives(
-    stress: Callable[..., tuple[Array, ...]], numbers: tuple[Array, ...]
-) -> tuple[Float[Array, "k F"], Float[Array, "k k F"]]:
-    """First and second derivatives in the intrinsic numbers: one forward tangent each, the others symbolically zero."""
+    value_and_stress: Callable[..., tuple[Array, ...]], numbers: tuple[Array, ...]
+) -> tuple[Float[Array, " F"], Float[Array, "k F"], Float[Array, "k k F"]]:
+    """Value, first and second derivatives in the intrinsic numbers: one forward tangent each, the others symbolically
+    zero."""
     columns = []
     for i, number in enumerate(numbers):
-        along = lambda x, i=i: stress(*numbers[:i], x, *numbers[i + 1 :])
-        first, column = jax.jvp(along, (number,), (jnp.ones_like(number),))
+        along = lambda x, i=i: value_and_stress(*numbers[:i], x, *numbers[i + 1 :])
+        (value, *stress), (_, *column) = jax.jvp(along, (number,), (jnp.ones_like(number),))
         columns.append(jnp.stack(column))
-    return jnp.stack(first), jnp.stack(columns)
+    return value, jnp.stack(stress), jnp.stack(columns)
 
 
 def _contract(a: Float[Array, "F k m"], b: Float[Array, "F k n"]) -> Float[Array, "F m n"]:

@@ -45,6 +45,12 @@ class Cholmod(AbstractDirectSolver):
         ok = finite & definite
         return Factor(pattern, values, (), jnp.where(ok, 0, -1), ok)
 
+    def factorise_and_solve(
+        self, operator: SparseSymmetric, rhs: Float[Array, "n"]
+    ) -> tuple[Factor, Float[Array, "n"]]:
+        factor = self.factorise(operator)
+        return factor, self.solve(factor, rhs)
+
     def solve(self, factor: Factor, rhs: Float[Array, "*k n"]) -> Float[Array, "*k n"]:
         import sparsax
 

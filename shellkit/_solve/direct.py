@@ -58,6 +58,12 @@ class AbstractSparseSolver(lx.AbstractLinearSolver[Factor]):
         """
 
     @abstractmethod
+    def factorise_and_solve(
+        self, operator: SparseSymmetric, rhs: Float[Array, "n"]
+    ) -> tuple[Factor, Float[Array, "n"]]:
+        """Both at once, which some libraries do for less."""
+
+    @abstractmethod
     def solve(self, factor: Factor, rhs: Float[Array, "*k n"]) -> Float[Array, "*k n"]:
         """Solves for one right-hand side of shape (n,), or for k of them of shape (k, n) in one call."""
 

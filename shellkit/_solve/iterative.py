@@ -65,6 +65,15 @@ class ConjugateGradients(AbstractSparseSolver):
         inverses, definite = _block_inverses(operator.pattern, values, self.block)
         return Factor(operator.pattern, values, inverses, jnp.where(definite, -1, 1), finite)
 
+    def factorise_and_solve(
+        self, operator: SparseSymmetric, rhs: Float[Array, "n"]
+    ) -> tuple[Factor, Float[Array, "n"]]:
+        """The factor then also says whether negative curvature was met on the way to the solution."""
+        factor = self.factorise(operator)
+        end = self.descend(factor, rhs)
+        negative = jnp.where(end.negative, 1, factor.negative)
+        return eqx.tree_at(lambda f: f.negative, factor, negative), end.solution
+
     def solve(self, factor: Factor, rhs: Float[Array, "*k n"]) -> Float[Array, "*k n"]:
         """Solves for one right-hand side or for several. Use `descend` to know whether and how far it converged."""
         check_rhs(factor, rhs)

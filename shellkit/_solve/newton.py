@@ -19,8 +19,10 @@ from .operator import SparseSymmetric
 _ARMIJO = 1e-4  # part of the decrease that the slope promises
 _NOISE = 64.0  # roundings of the energy below which a difference of energies says nothing
 _MAX_HALVINGS = 40
-_MAX_CORRECTIONS = 12
-_CONTRACTION = 0.5  # corrections go on while each cuts the gradient to this or less: a tenth of the price of a factor
+_MAX_CORRECTIONS = 24
+_CONTRACTION = 0.5  # corrections go on while each cuts the gradient to this or less
+_PATIENCE = 8.0  # and while no more of them than this seem to be left: a step costs as much as seven
+_MEMORY = 8  # corrections that the next one learns from
 _SMALLEST_SHIFT, _LARGEST_SHIFT = 1e-4, 1e8  # in units of the mean diagonal entry
 _SHIFT_GROWTH, _SHIFT_DECAY = 8.0, 0.1
 _HALF_STRESS, _DAMPING = 1e-3, 1e-4  # the shift at which half the stress is left out, and the identity's part in it
@@ -33,16 +35,14 @@ _INVERSE_ITERATIONS = 8
 class _Scene(eqx.Module):
     """What the method asks of the function that it minimises; see `SparseNewton`."""
 
-    value: Callable[[Array], Scalar]
-    gradient: Callable[[Array], Array]
-    hessian: Callable[[Array], SparseSymmetric]
+    value_and_gradient: Callable[[Array], tuple[Scalar, Array]]
+    derivatives: Callable[[Array], tuple[Scalar, Array, SparseSymmetric, SparseSymmetric | None]]
     feasible: Callable[[Array, Array], Bool[Array, ""]]
     motions: Callable[[Array], Array] | None
     length: Scalar
-    stress: Callable[[Array], SparseSymmetric] | None
 
 
-class _Point(eqx.Module):
+class Point(eqx.Module):
     """A point with its energy and its gradient."""
 
     y: Float[Array, " n"]
@@ -53,11 +53,12 @@ class _Point(eqx.Module):
 class NewtonState(eqx.Module):
     """State of [`shellkit.SparseNewton`][] between two steps."""
 
-    point: _Point
+    point: Point
     shift: Scalar
     factor: Factor
     held: Int[Array, " k"] | None  # the coordinates that were held in the factor
     factorisations: Int[Array, ""]
+    leaving: Bool[Array, ""]  # a saddle was reached: the next step follows negative curvature
     done: Bool[Array, ""]
     stuck: Bool[Array, ""]
 
@@ -65,20 +66,17 @@ class NewtonState(eqx.Module):
 class SparseNewton(optx.AbstractMinimiser):
     """Newton's method on the exact sparse Hessian, globalised so that it ends in a minimum or says why not.
 
-    Each step factorises H + sI, where the shift s is raised until the inertia of the factor shows no negative
-    eigenvalue
-    and falls to zero near a minimum; takes the longest feasible step that lowers the energy; and, once close, adds
-    cheap
-    corrections with the same factor. A saddle is left along a direction of negative curvature. Motions that cost
-    nothing are
-    held and projected out.
+    Each step factorises the Hessian with a shift that is raised until the inertia of the factor shows no negative
+    eigenvalue and falls to zero near a minimum; takes the longest feasible step that lowers the energy; and, once
+    close, adds quasi-Newton corrections with the same factor, each a fraction of the price of a step. A saddle is left
+    along a direction of negative curvature. Motions that cost nothing are held and projected out.
 
     It works on one flat vector and is told about the function through `options` of `optimistix.minimise`:
 
-    - `options["hessian"]`: `y -> ` the Hessian, a sparse symmetric operator. Required.
-    - `options["gradient"]`: `y -> ` the gradient; by default that of automatic differentiation.
-    - `options["stress"]`: `y -> ` the part of the Hessian that the others leave positive definite when it is taken
-        away, over the same pattern: the second derivatives of strain, times stress.
+    - `options["hessian"]`: `y -> ` the Hessian, a sparse symmetric operator. Required, unless there is
+    - `options["derivatives"]`: `y -> ` value, gradient, Hessian, and that part of it, or `None`, that leaves it
+        positive definite when it is taken away: the second derivatives of strain, times stress.
+    - `options["value_and_gradient"]`: `y -> ` both; by default by automatic differentiation.
     - `options["feasible"]`: `(y, y_new) -> bool`, whether a step may be taken.
     - `options["motions"]`: `y -> ` motions that cost nothing, shape (n, k).
     - `options["length"]`: a typical length, such as that of an edge, against which steps are measured; 1 by default.
@@ -89,7 +87,8 @@ class SparseNewton(optx.AbstractMinimiser):
     ??? cite "Source"
 
         The shift by inertia is Algorithm 3.3 of J. Nocedal and S. Wright, "Numerical Optimization", 2nd edition (2006),
-        with a factorisation that reports the inertia (section 3.4).
+        with a factorisation that reports the inertia (section 3.4); the corrections are those of its Algorithm 7.4
+        (L-BFGS), begun from the factor.
     """
 
     papers: ClassVar[tuple[str, ...]] = (NOCEDAL_2006,)
@@ -112,88 +111,87 @@ class SparseNewton(optx.AbstractMinimiser):
         self.linear_solver = default_direct_solver() if linear_solver is None else linear_solver
 
     def _scene(self, fn, args, options: dict[str, Any]) -> _Scene:
-        if "hessian" not in options:
+        if "hessian" not in options and "derivatives" not in options:
             raise ValueError(
                 'SparseNewton needs a sparse Hessian: pass options={"hessian": y -> operator} to optimistix.minimise, '
                 "or use an InverseProblem, which does; optimistix.BFGS and optimistix.NonlinearCG need none."
             )
-        value = lambda y: fn(y, args)[0]
+        first = options.get("value_and_gradient", jax.value_and_grad(lambda y: fn(y, args)[0]))
         return _Scene(
-            value=value,
-            gradient=options.get("gradient", jax.grad(value)),
-            hessian=options["hessian"],
+            value_and_gradient=first,
+            derivatives=options.get("derivatives", lambda y: (*first(y), options["hessian"](y), None)),
             feasible=options.get("feasible", lambda y, y_new: jnp.array(True)),
             motions=options.get("motions"),
             length=jnp.asarray(options.get("length", 1.0)),
-            stress=options.get("stress"),
         )
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> NewtonState:
         scene = self._scene(fn, args, options)
-        point = _Point(y, scene.value(y), scene.gradient(y))
+        # The first step evaluates where it stands, as every step does.
+        nowhere = Point(y, jnp.zeros((), y.dtype), jnp.zeros_like(y))
         blank = jax.tree.map(
             lambda struct: jnp.zeros(struct.shape, struct.dtype),
-            eqx.filter_eval_shape(lambda y: self.linear_solver.factorise(scene.hessian(y)), y),
+            eqx.filter_eval_shape(lambda y: self.linear_solver.factorise(scene.derivatives(y)[2]), y),
         )
-        zero = jnp.zeros((), jnp.int32)
         held = None if scene.motions is None else jnp.zeros(scene.motions(y).shape[1], int)
-        return NewtonState(point, jnp.zeros(()), blank, held, zero, jnp.array(False), jnp.array(False))
+        no = jnp.array(False)
+        return NewtonState(nowhere, jnp.zeros(()), blank, held, jnp.zeros((), jnp.int32), no, no, no)
 
     def step(self, fn, y, args, options, state: NewtonState, tags):
         scene = self._scene(fn, args, options)
-        point = state.point
-        basis = None if scene.motions is None else orthonormal(scene.motions(point.y))
+        value, gradient, hessian, stress = scene.derivatives(y)
+        point = Point(y, value, gradient)
+        basis = None if scene.motions is None else orthonormal(scene.motions(y))
         held = None if basis is None else coordinates_to_hold(basis)
-        factor, shift, tries = self._factorise(scene, state, held)
+        factor, newton, shift, tries = self._factorise(state, hessian, stress, basis, held, -gradient)
         solve = lambda rhs: solve_held(self.linear_solver, factor, basis, held, rhs)
-        direction = -solve(point.gradient)
-        size = jnp.max(jnp.abs(direction))
-
-        moved, length = _search(scene, point, direction)
-        regular = (shift == 0) & _usable(factor)
-        moved, settled = jax.lax.cond(
-            regular & (length == 1) & (size < scene.length),
-            lambda: _polish(scene, moved, solve, self.rtol),
-            lambda: (moved, jnp.array(False)),
+        direction = jax.lax.cond(
+            state.leaving, lambda: scene.length * _negative_curvature(solve, gradient), lambda: newton
         )
+        size = jnp.max(jnp.abs(direction))
+        regular = (shift == 0) & _usable(factor) & ~state.leaving
+        moved, length, settled = _descend(scene, point, direction, solve, state.leaving, regular, self.rtol)
+
         # No step lowers the energy: that is the rounding floor if the step left to take is tiny.
         stalled = length == 0
         settled = settled | (stalled & regular & (size < _FLOOR * scene.length))
-        moved, escaped = jax.lax.cond(
-            (shift > 0) & (stalled | (size < _SADDLE * scene.length)),
-            lambda: _escape(scene, moved, solve),
-            lambda: (moved, jnp.array(False)),
-        )
+        small = size < _SADDLE * scene.length
+        # More than one try means that the matrix was just seen not to be definite.
+        leaving = (shift > 0) & ~state.leaving & (stalled | (small & (tries > 1)))
         # The shift grows where the model was not to be trusted, and fades where it was.
         grown = jnp.maximum(shift, _SMALLEST_SHIFT) * _SHIFT_GROWTH
         # A shift that had to be raised within the step is kept; one that was enough at once fades fast.
         decayed = shift * jnp.where(tries > 1, 1.0, _SHIFT_DECAY)
-        faded = jnp.where(decayed < _SMALLEST_SHIFT, 0.0, decayed)
-        lost = stalled & ~escaped & ~settled
-        shift = jnp.where(
-            lost, grown * _SHIFT_GROWTH, jnp.where(length < 0.2, grown, jnp.where(length > 0.5, faded, shift))
-        )
+        faded = jnp.where((decayed < _SMALLEST_SHIFT) | (small & (tries == 1)), 0.0, decayed)
+        lost = stalled & ~state.leaving & ~settled
+        after = jnp.where(length < 0.2, grown, jnp.where(length > 0.5, faded, shift))
+        shift = jnp.where(lost, grown * _SHIFT_GROWTH, jnp.where(state.leaving & stalled, shift, after))
         stuck = (lost & (shift > _LARGEST_SHIFT)) | ~_usable(factor) | ~jnp.isfinite(moved.value)
-        state = NewtonState(moved, shift, factor, held, state.factorisations + tries, settled, stuck & ~settled)
+        state = NewtonState(
+            moved, shift, factor, held, state.factorisations + tries, leaving, settled, stuck & ~settled
+        )
         return moved.y, state, None
 
-    def _factorise(self, scene: _Scene, state: NewtonState, held) -> tuple[Factor, Scalar, Int[Array, ""]]:
-        """Factorise H + sI with the smallest shift s tried, from the last one up, that leaves no negative
-        eigenvalue."""
-        hessian = scene.hessian(state.point.y)
-        stress = None if scene.stress is None else scene.stress(state.point.y)
+    def _factorise(
+        self, state: NewtonState, hessian: SparseSymmetric, stress: SparseSymmetric | None, basis, held, rhs: Array
+    ) -> tuple[Factor, Float[Array, " n"], Scalar, Int[Array, ""]]:
+        """Factorise the Hessian with the smallest shift tried, from the last one up, that leaves no negative eigenvalue;
+        and solve for one right-hand side."""
         unit = jnp.mean(jnp.abs(hessian.values[hessian.pattern.diagonal]))
+        if held is not None:
+            rhs = project_out(basis, rhs).at[held].set(0.0)
 
         def attempt(carry):
-            _, next_shift, _, tries = carry
+            _, _, next_shift, _, tries = carry
             matrix = _shifted(hessian, stress, next_shift, unit)
-            factor = self.linear_solver.factorise(matrix if held is None else hold(matrix, held))
-            return factor, jnp.maximum(next_shift, _SMALLEST_SHIFT) * _SHIFT_GROWTH, next_shift, tries + 1
+            matrix = matrix if held is None else hold(matrix, held)
+            factor, solution = self.linear_solver.factorise_and_solve(matrix, rhs)
+            return factor, solution, jnp.maximum(next_shift, _SMALLEST_SHIFT) * _SHIFT_GROWTH, next_shift, tries + 1
 
-        unfit = lambda carry: (carry[3] == 0) | (~_usable(carry[0]) & (carry[3] < _MAX_SHIFTS))
-        start = (state.factor, state.shift, state.shift, jnp.zeros((), jnp.int32))
-        factor, _, shift, tries = jax.lax.while_loop(unfit, attempt, start)
-        return factor, shift, tries
+        unfit = lambda carry: (carry[4] == 0) | (~_usable(carry[0]) & (carry[4] < _MAX_SHIFTS))
+        start = (state.factor, rhs, state.shift, state.shift, jnp.zeros((), jnp.int32))
+        factor, solution, _, shift, tries = jax.lax.while_loop(unfit, attempt, start)
+        return factor, project_out(basis, solution), shift, tries
 
     def terminate(self, fn, y, args, options, state: NewtonState, tags):
         result = optx.RESULTS.where(state.stuck, optx.RESULTS.nonlinear_divergence, optx.RESULTS.successful)
@@ -236,69 +234,120 @@ def solve_held(
     return project_out(basis, linear_solver.solve(factor, rhs))
 
 
-def _search(scene: _Scene, point: _Point, direction: Float[Array, " n"]) -> tuple[_Point, Scalar]:
-    """Halve the step until it is feasible and lowers the energy; the point reached and the length, zero if there is
-    none.
+class _Descent(eqx.Module):
+    """Where a step has come to: first the search along its direction, then corrections with its factor."""
 
-    Where the energy has no digits left to fall by, a smaller gradient decides.
+    point: Point
+    direction: Float[Array, " n"]
+    length: Scalar
+    tries: Int[Array, ""]
+    searching: Bool[Array, ""]
+    going: Bool[Array, ""]
+    settled: Bool[Array, ""]
+    memory: "_Memory"
+
+
+def _descend(
+    scene: _Scene,
+    point: Point,
+    direction: Float[Array, " n"],
+    solve: Callable[[Array], Array],
+    leaving: Bool[Array, ""],
+    regular: Bool[Array, ""],
+    rtol: float,
+) -> tuple[Point, Scalar, Bool[Array, ""]]:
+    """Halve the step until it is feasible and lowers the energy; then, near a minimum, correct it as long as that pays.
+
+    One loop does both, so that the energy is compiled once.
+
+    **Returns:** the point reached; the length of the step, zero if there was none to take; and whether the last
+    correction was within tolerance.
     """
     slope = point.gradient @ direction
-    norm = jnp.linalg.norm(point.gradient)
+    noise = _NOISE * jnp.finfo(point.y.dtype).eps * jnp.abs(point.value)
+    near = regular & (jnp.max(jnp.abs(direction)) < scene.length)
 
-    def attempt(carry):
-        _, _, length, tries = carry
-        y = point.y + length * direction
-        trial = _Point(y, scene.value(y), scene.gradient(y))
-        noise = _NOISE * jnp.finfo(y.dtype).eps * jnp.abs(point.value)
-        lower = trial.value <= point.value + _ARMIJO * length * slope
-        level = (jnp.abs(trial.value - point.value) <= noise) & (jnp.linalg.norm(trial.gradient) <= norm)
-        accepted = scene.feasible(point.y, y) & (lower | level) & jnp.all(jnp.isfinite(trial.gradient))
-        return trial, accepted, jnp.where(accepted, length, 0.5 * length), tries + 1
+    def attempt(now: _Descent) -> _Descent:
+        y = now.point.y + jnp.where(now.searching, now.length, 1.0) * now.direction
+        trial = Point(y, *scene.value_and_gradient(y))
+        finite = jnp.all(jnp.isfinite(trial.gradient)) & jnp.isfinite(trial.value)
+        ratio = jnp.linalg.norm(trial.gradient) / jnp.linalg.norm(now.point.gradient)
 
-    unfit = lambda carry: ~carry[1] & (carry[3] < _MAX_HALVINGS)
-    start = (point, slope > 0, jnp.ones_like(slope), 0)
-    trial, accepted, length, tries = jax.lax.while_loop(unfit, attempt, start)
-    accepted = accepted & (tries > 0)
-    moved = jax.tree.map(lambda new, old: jnp.where(accepted, new, old), trial, point)
-    return moved, jnp.where(accepted, length, 0.0)
+        # Where the energy has no digits left to fall by, a smaller gradient decides; not so at a saddle.
+        lower = trial.value <= point.value + _ARMIJO * now.length * slope
+        level = (jnp.abs(trial.value - point.value) <= noise) & (ratio <= 1) & ~leaving
+        found = scene.feasible(point.y, y) & jnp.where(leaving, trial.value < point.value - noise, lower | level)
+        better = (trial.value <= now.point.value + noise) & (ratio < 1)
+        accepted = finite & jnp.where(now.searching, found, better)
+
+        size, target = jnp.max(jnp.abs(now.direction)), rtol * scene.length
+        settled = ~now.searching & (size <= target)
+        left = jnp.log(size * ratio / target) / -jnp.log(ratio)
+        pays = jnp.where(now.searching, near & (now.length == 1), (ratio < _CONTRACTION) & (left < _PATIENCE))
+        correcting = accepted & pays & ~settled & (now.searching | (now.tries < _MAX_CORRECTIONS))
+        retrying = now.searching & ~accepted & (now.tries < _MAX_HALVINGS)
+        memory, ahead = jax.lax.cond(
+            correcting,
+            lambda: now.memory.correct(now.searching, now.direction, trial.gradient, now.point.gradient, solve),
+            lambda: (now.memory, now.direction),
+        )
+        return _Descent(
+            point=jax.tree.map(lambda new, old: jnp.where(accepted, new, old), trial, now.point),
+            direction=ahead,
+            length=jnp.where(retrying, 0.5 * now.length, jnp.where(now.searching & ~accepted, 0.0, now.length)),
+            tries=jnp.where(correcting & now.searching, 0, now.tries + 1),
+            searching=retrying,
+            going=retrying | correcting,
+            settled=settled,
+            memory=memory,
+        )
+
+    downhill = (slope <= 0) | leaving
+    zero, yes, no = jnp.zeros((), int), jnp.array(True), jnp.array(False)
+    start = _Descent(point, direction, jnp.ones_like(slope), zero, yes, downhill, no, _Memory.blank(point.y))
+    end = jax.lax.while_loop(lambda now: now.going, attempt, start)
+    return end.point, jnp.where(downhill, end.length, 0.0), end.settled
 
 
-def _polish(scene: _Scene, point: _Point, solve, rtol: float) -> tuple[_Point, Bool[Array, ""]]:
-    """Corrections with the factor at hand while they shrink the gradient fast; and whether the last was within
-    tolerance."""
+class _Memory(eqx.Module):
+    """Steps of the corrections so far and the changes of the gradient that they made, the latest last."""
 
-    def correct(carry):
-        point, _, _, count = carry
-        correction = -solve(point.gradient)
-        y = point.y + correction
-        gradient = scene.gradient(y)
-        ratio = jnp.linalg.norm(gradient) / jnp.linalg.norm(point.gradient)
-        better = ratio < 1
-        moved = _Point(jnp.where(better, y, point.y), point.value, jnp.where(better, gradient, point.gradient))
-        settled = jnp.max(jnp.abs(correction)) <= rtol * scene.length
-        return moved, settled, ratio < _CONTRACTION, count + 1
+    steps: Float[Array, "m n"]
+    changes: Float[Array, "m n"]
 
-    on = lambda carry: ~carry[1] & carry[2] & (carry[3] < _MAX_CORRECTIONS)
-    point, settled, _, _ = jax.lax.while_loop(on, correct, (point, jnp.array(False), jnp.array(True), 0))
-    return _Point(point.y, scene.value(point.y), point.gradient), settled
+    @classmethod
+    def blank(cls, y: Float[Array, " n"]) -> "_Memory":
+        """A memory of nothing."""
+        return cls(jnp.zeros((_MEMORY, *y.shape), y.dtype), jnp.zeros((_MEMORY, *y.shape), y.dtype))
+
+    def correct(
+        self, first: Bool[Array, ""], step: Array, gradient: Array, last: Array, solve: Callable[[Array], Array]
+    ) -> tuple["_Memory", Float[Array, " n"]]:
+        """The memory with what the last correction taught, and the next: L-BFGS with the factor's inverse inside.
+
+        The step of the search itself is not learnt from: it was long, and the curvature along it is not that here.
+        """
+        shifted = _Memory(
+            jnp.concatenate([self.steps[1:], step[None]]), jnp.concatenate([self.changes[1:], (gradient - last)[None]])
+        )
+        memory = jax.tree.map(lambda new, old: jnp.where(first, old, new), shifted, self)
+        curvatures = jnp.sum(memory.steps * memory.changes, axis=1)
+        inverses = jnp.where(curvatures > 0, 1.0 / jnp.where(curvatures > 0, curvatures, 1.0), 0.0)
+        weights = jnp.zeros(_MEMORY)
+        rest = gradient
+        for k in reversed(range(_MEMORY)):
+            weights = weights.at[k].set(inverses[k] * (memory.steps[k] @ rest))
+            rest = rest - weights[k] * memory.changes[k]
+        ahead = solve(rest)
+        for k in range(_MEMORY):
+            ahead = ahead + (weights[k] - inverses[k] * (memory.changes[k] @ ahead)) * memory.steps[k]
+        return memory, -ahead
 
 
-def _escape(scene: _Scene, point: _Point, solve) -> tuple[_Point, Bool[Array, ""]]:
-    """Leave a saddle along its direction of most negative curvature, found by inverse iteration on the shifted
+def _negative_curvature(solve: Callable[[Array], Array], gradient: Float[Array, " n"]) -> Float[Array, " n"]:
+    """The direction of most negative curvature, of size one and not uphill, by inverse iteration on a shifted
     factor."""
-    vector = jax.random.normal(jax.random.key(0), point.y.shape, point.y.dtype)
+    vector = jax.random.normal(jax.random.key(0), gradient.shape, gradient.dtype)
     refine = lambda _, v: (lambda w: w / jnp.max(jnp.abs(w)))(solve(v))
     vector = jax.lax.fori_loop(0, _INVERSE_ITERATIONS, refine, vector)
-    vector = jnp.where(point.gradient @ vector > 0, -vector, vector)
-
-    def attempt(carry):
-        _, _, length, tries = carry
-        y = point.y + length * vector
-        trial = _Point(y, scene.value(y), scene.gradient(y))
-        lower = trial.value < point.value - _NOISE * jnp.finfo(y.dtype).eps * jnp.abs(point.value)
-        accepted = lower & scene.feasible(point.y, y) & jnp.all(jnp.isfinite(trial.gradient))
-        return trial, accepted, 0.5 * length, tries + 1
-
-    unfit = lambda carry: ~carry[1] & (carry[3] < _MAX_HALVINGS)
-    trial, accepted, _, _ = jax.lax.while_loop(unfit, attempt, (point, jnp.array(False), scene.length, 0))
-    return jax.tree.map(lambda new, old: jnp.where(accepted, new, old), trial, point), accepted
+    return jnp.where(gradient @ vector > 0, -vector, vector)

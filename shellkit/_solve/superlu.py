@@ -51,6 +51,12 @@ class SuperLU(AbstractDirectSolver):
         )
         return Factor(pattern, values, token, jnp.where(finite, negative, -1), finite & ok)
 
+    def factorise_and_solve(
+        self, operator: SparseSymmetric, rhs: Float[Array, "n"]
+    ) -> tuple[Factor, Float[Array, "n"]]:
+        factor = self.factorise(operator)
+        return factor, self.solve(factor, rhs)
+
     def solve(self, factor: Factor, rhs: Float[Array, "*k n"]) -> Float[Array, "*k n"]:
         check_rhs(factor, rhs)
         pattern = factor.pattern
