@@ -169,8 +169,8 @@ class Assembly(eqx.Module):
         faces: tuple[Float[Array, "F m m"], Float[Array, "6 3 3 F"]] | None,
         elements: tuple[Float[Array, "_ _ 3 _ 3"] | None, ...],
     ) -> tuple[SparseSymmetric, SparseSymmetric | None]:
-        """Add up the Hessians of elements over the free unknowns, `None` for those of a linear term; and the part of the
-        sum that stress on the faces has."""
+        """Add up the Hessians of elements over the free unknowns, `None` for those of a linear term; and the part of
+        the sum that stress on the faces has."""
         values = jnp.zeros(self.pattern.nnz if self.frames is None else self.frames.n_entries)
         stress = None
         if faces is not None:

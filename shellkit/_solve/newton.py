@@ -175,8 +175,8 @@ class SparseNewton(optx.AbstractMinimiser):
     def _factorise(
         self, state: NewtonState, hessian: SparseSymmetric, stress: SparseSymmetric | None, basis, held, rhs: Array
     ) -> tuple[Factor, Float[Array, " n"], Scalar, Int[Array, ""]]:
-        """Factorise the Hessian with the smallest shift tried, from the last one up, that leaves no negative eigenvalue;
-        and solve for one right-hand side."""
+        """Factorise the Hessian with the smallest shift tried, from the last one up, that leaves no negative
+        eigenvalue; and solve for one right-hand side."""
         unit = jnp.mean(jnp.abs(hessian.values[hessian.pattern.diagonal]))
         if held is not None:
             rhs = project_out(basis, rhs).at[held].set(0.0)
@@ -276,7 +276,8 @@ def _descend(
         # Where the energy has no digits left to fall by, a smaller gradient decides; not so at a saddle.
         lower = trial.value <= point.value + _ARMIJO * now.length * slope
         level = (jnp.abs(trial.value - point.value) <= noise) & (ratio <= 1) & ~leaving
-        found = scene.feasible(point.y, y) & jnp.where(leaving, trial.value < point.value - noise, lower | level)
+        downwards = trial.value < now.point.value - noise
+        found = scene.feasible(now.point.y, y) & jnp.where(leaving, downwards, lower | level)
         better = (trial.value <= now.point.value + noise) & (ratio < 1)
         accepted = finite & jnp.where(now.searching, found, better)
 
@@ -285,7 +286,10 @@ def _descend(
         left = jnp.log(size * ratio / target) / -jnp.log(ratio)
         pays = jnp.where(now.searching, near & (now.length == 1), (ratio < _CONTRACTION) & (left < _PATIENCE))
         correcting = accepted & pays & ~settled & (now.searching | (now.tries < _MAX_CORRECTIONS))
-        retrying = now.searching & ~accepted & (now.tries < _MAX_HALVINGS)
+        # Off a saddle the steps double for as long as it goes down.
+        away = leaving & (accepted | (now.point.value < point.value))
+        retrying = now.searching & jnp.where(away, accepted, ~accepted) & (now.tries < _MAX_HALVINGS)
+        next_length = now.length * jnp.where(away, 2.0, 0.5)
         memory, ahead = jax.lax.cond(
             correcting,
             lambda: now.memory.correct(now.searching, now.direction, trial.gradient, now.point.gradient, solve),
@@ -294,7 +298,7 @@ def _descend(
         return _Descent(
             point=jax.tree.map(lambda new, old: jnp.where(accepted, new, old), trial, now.point),
             direction=ahead,
-            length=jnp.where(retrying, 0.5 * now.length, jnp.where(now.searching & ~accepted, 0.0, now.length)),
+            length=jnp.where(retrying, next_length, jnp.where(now.searching & ~accepted & ~away, 0.0, now.length)),
             tries=jnp.where(correcting & now.searching, 0, now.tries + 1),
             searching=retrying,
             going=retrying | correcting,
