@@ -275,8 +275,9 @@ def _shape(design: Design, values: dict[str, Array], scales: dict[str, Array], e
     if problem.motions is not None:
         motions = problem.motions(assembly.restrict(assembly.join(equilibrium.vertices, equilibrium.directors)))
         still = jnp.zeros(assembly.size)
-        fields = jax.vmap(lambda motion: assembly.extend(motion, still), in_axes=1, out_axes=1)(motions)
-        basis = jax.lax.stop_gradient(jnp.linalg.qr(fields[:size])[0])
+        field = lambda motion: assembly.split(assembly.extend(motion, still))[0].reshape(-1)
+        fields = jax.vmap(field, in_axes=1, out_axes=1)(motions)
+        basis = jax.lax.stop_gradient(jnp.linalg.qr(fields)[0])
 
     def shape(change: Float[Array, " n"]) -> Float[Array, " m"]:
         moved, at = {}, 0
