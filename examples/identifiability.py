@@ -57,11 +57,13 @@ def main() -> None:
     moved = lambda change: float(np.linalg.norm(insight.displacement(change)) / np.sqrt(mesh.n_vertices))
     share = np.asarray(insight.components(miss)) ** 2 / np.sum(sizes**2)
     print(f"The student misses the teacher's top pattern by {np.degrees(np.median(np.abs(miss[TOP]))):.1f}° (median).")
-    print(f"{100 * share[values < 1e-9 * values[0]].sum():5.1f} % of that is in directions that no shape can tell of,")
-    print(
-        f"{100 * share[values < 1e-1 * values[0]].sum():5.1f} % in those that move it less than a tenth of the first."
-    )
+    never, faint = values < 1e-9 * values[0], values < 1e-1 * values[0]
+    for which, words in ((never, "no shape can tell of"), (faint, "move the shape less than a tenth of the first")):
+        part, chance = 100 * share[which].sum(), 100 * np.mean(which)
+        print(f"{part:5.1f} % of that is in directions that {words}; by chance {chance:.0f} %.")
+    off = sk.Kabsch()(result.problem().vertices, insight.equilibrium.vertices) - insight.equilibrium.vertices
     print(f"To first order it moves the shape by {moved(miss):.4f}; as large a miss at random, by {moved(random):.4f}.")
+    print(f"In truth by {float(np.linalg.norm(off)) / np.sqrt(mesh.n_vertices):.4f}: the valley of patterns is curved.")
 
     spread = insight.posterior(NOISE, PRIOR)
     told = np.concatenate([spread[TOP], spread[BOTTOM]])
