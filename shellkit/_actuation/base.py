@@ -50,6 +50,9 @@ class PartialActuation(Actuation):
 
     def __call__(self, rest: RestShape) -> RestShape:
         actuated = self.whole(rest)
+        # Layers are as stiff before they are actuated as after.
+        factors = lambda shape: (shape.stretching, shape.bending)
+        rest = eqx.tree_at(factors, rest, factors(actuated), is_leaf=lambda leaf: leaf is None)
         return jax.tree.map(lambda start, end: start + self.progress * (end - start), rest, actuated)
 
     def director_fields(self) -> tuple[Float[Array, " F"], ...]:

@@ -104,6 +104,20 @@ def test_ramp_and_directors():
     assert sk.Laminate([sk.Layer()])(eqx.tree_at(lambda r: r.curvature, BENT, None)).curvature is None
 
 
+def test_ramp_of_ones_own_actuation():
+    """Forms are interpolated; the stiffness of the layers is there from the start."""
+
+    class Plywood(sk.Actuation):
+        """A user's own, made of the library's."""
+
+        def __call__(self, rest):
+            return sk.Laminate([sk.Layer(sk.IsotropicGrowth(1.1), 2.0, 3.0), sk.Layer()])(rest)
+
+    whole, half = Plywood()(BENT), Plywood().at(0.5)(BENT)
+    assert jnp.allclose(half.metric, 0.5 * (BENT.metric + whole.metric))
+    assert jnp.allclose(half.stretching, whole.stretching) and jnp.allclose(half.bending, whole.bending)
+
+
 @pytest.mark.parametrize(
     "layers, words",
     [
