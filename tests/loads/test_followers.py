@@ -60,6 +60,7 @@ def test_pressure_on_a_part_of_a_sphere_in_planes_through_the_apex():
     np.testing.assert_allclose(forces[plane, :2], face_loads(wedge.vertices, wedge, 1.0)[plane, :2], atol=1e-14)
 
 
+@pytest.mark.slow
 def test_pressurised_sphere():
     """Card 2 of the literature: (α+β) 4h [ρ³ − ρ + η(ρ − 1)] = p R ρ², η = h²/6R²."""
     ball = sk.meshes.icosphere(subdivisions=2)
@@ -89,6 +90,7 @@ def test_edge_moment_works_on_the_angle(centre):
     np.testing.assert_allclose(jnp.sum(jnp.cross(mesh.vertices, forces), axis=0), [0.0, 3.0, 0.0], atol=1e-13)
 
 
+@pytest.mark.slow
 def test_edge_moment_bends_a_strip_into_an_arc():
     """Curvature M / EI all along: a strip clamped at one end turns by M L / EI at the other."""
     young, thickness = 1.2e6, 0.1
