@@ -50,9 +50,9 @@ def page_of(name: str) -> str:
     path = report.path_of(name, False, "md")
     if not path.exists():
         return _not_measured(name)
-    curves = f"benchmark_{name}.svg"
-    picture = f"![Curves of the tables below](assets/{curves})\n\n" if (ROOT / "docs/assets" / curves).exists() else ""
-    return picture + path.read_text().strip()
+    drawn = sorted(path.name for path in (ROOT / "docs/assets").glob(f"benchmark_{name}*.svg"))
+    pictures = "".join(f"![Curves of the tables below](assets/{curves})\n\n" for curves in drawn)
+    return pictures + path.read_text().strip()
 
 
 def _time(row: Row) -> str:
@@ -85,7 +85,7 @@ PAGES: dict[str, dict[str, Callable[[], str]]] = {
     "README.md": {"figures": design_steps},
     "docs/performance.md": {
         name: (lambda name=name: page_of(name))
-        for name in ("design_step", "relaxation", "scaling", "gradient_cost", "energy_kernel")
+        for name in ("design_step", "relaxation", "scaling", "gradient_cost", "energy_kernel", "training")
     },
     "docs/validation.md": {"validation": _validation},
 }

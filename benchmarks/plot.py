@@ -2,6 +2,7 @@
 matplotlib."""
 
 import sys
+from functools import partial
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -10,6 +11,7 @@ from . import report
 from .case import ROOT, Row
 from .relaxation import SCENES
 from .scaling import memory, times
+from .training import SCENES as TRAINED
 
 
 STYLE = {
@@ -57,13 +59,31 @@ def _relaxation(rows: list[Row]) -> plt.Figure:
     return figure
 
 
+def _training(scene: str, rows: list[Row]) -> plt.Figure:
+    figure, axes = plt.subplots(1, 2, figsize=(8, 3.2), sharey=True)
+    for row in rows:
+        if row["case"]["scene"] != scene or report.missing(row):
+            continue
+        for axis, quantity in zip(axes, ("relaxations", "seconds"), strict=True):
+            points = [(point[quantity], point["loss"]) for point in row["trace"]]
+            axis.semilogy(*zip(*points, strict=True), ".-", label=row["case"]["optimiser"])
+            axis.set_xlabel(quantity)
+    axes[0].set_ylabel("loss")
+    axes[0].legend(fontsize=7)
+    figure.suptitle(TRAINED[scene].name, fontsize=9)
+    return figure
+
+
 def main() -> None:
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs" / "assets"
     folder.mkdir(parents=True, exist_ok=True)
     with plt.rc_context(STYLE):
-        for name, draw in {"scaling": _scaling, "relaxation": _relaxation}.items():
+        figures = {"scaling": ("scaling", _scaling), "relaxation": ("relaxation", _relaxation)}
+        for scene in TRAINED:
+            figures[f"training_{scene}"] = ("training", partial(_training, scene))
+        for figure, (name, draw) in figures.items():
             if rows := report.load(name):
-                path = folder / f"benchmark_{name}.svg"
+                path = folder / f"benchmark_{figure}.svg"
                 draw(rows).savefig(path, metadata={"Date": None})
                 print(path)
             else:
