@@ -43,7 +43,7 @@ class InverseProblem(eqx.Module):
 
     Calling it relaxes the shell and returns the [`shellkit.Equilibrium`][]; `evaluate` goes on to the loss. Both are
     functions of every array in the problem, and can be differentiated in any of them, forwards and backwards, by one
-    solve with the factor that the relaxation leaves.
+    solve with the Hessian there.
 
     ??? example
 
@@ -201,10 +201,8 @@ class InverseProblem(eqx.Module):
             max_steps=self._step_limit(),
             throw=False,
         )
-        newton = isinstance(solution.state, NewtonState)
         linear_solver = self._linear_solver()
-        factored = (solution.state.factor, solution.state.held) if newton else None
-        y = differentiable_minimum(energy, solution.value, motions, linear_solver, factored)
+        y = differentiable_minimum(energy, solution.value, motions, linear_solver)
         vertices, directors, reactions = self._posed(energy, y)
         return self._report(still, solution, vertices, directors, reactions, motions, linear_solver)
 

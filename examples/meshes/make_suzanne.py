@@ -225,7 +225,7 @@ def closed_surface(x: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nda
     shape = np.ceil((np.ptp(x, axis=0) + 8 * GRID) / GRID).astype(int) + 1
     points = low + GRID * np.stack(np.meshgrid(*map(np.arange, shape), indexing="ij"), axis=-1).reshape(-1, 3)
     sign = igl.SignedDistanceType.SIGNED_DISTANCE_TYPE_WINDING_NUMBER
-    distance = igl.signed_distance(points, x, faces.astype(np.int64), sign_type=sign)[0]
+    distance = np.asarray(igl.signed_distance(points, x, faces.astype(np.int64), sign_type=sign)[0])
     verts, tris, _, _ = marching_cubes(distance.reshape(shape), level=OFFSET, spacing=(GRID,) * 3)
     # the largest component is the outside; smaller ones line cavities behind the eyes
     surface = pv.PolyData.from_regular_faces(verts + low, tris).clean().connectivity("largest").clean()
@@ -305,7 +305,7 @@ def relax(x: np.ndarray, faces: np.ndarray, target: tuple[np.ndarray, np.ndarray
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     shift = centre / weight[:, None] - x
     shift -= normal * np.sum(shift * normal, axis=1, keepdims=True)
-    return igl.point_mesh_squared_distance(x + step * shift, target[0], target[1])[2]
+    return np.asarray(igl.point_mesh_squared_distance(x + step * shift, target[0], target[1])[2])
 
 
 def normalise(x: np.ndarray) -> np.ndarray:

@@ -6,9 +6,9 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float
 
-from .direct import AbstractSparseSolver, Factor
+from .direct import AbstractSparseSolver
 from .motions import coordinates_to_hold, hold, orthonormal, project_out
 from .newton import solve_held
 
@@ -23,7 +23,6 @@ def differentiable_minimum(
     y: Float[Array, " n"],
     motions: Callable[[Array], Array] | None,
     linear_solver: AbstractSparseSolver,
-    factored: tuple[Factor, Int[Array, " k"] | None] | None,
 ) -> Float[Array, " n"]:
     r"""The minimum `y` of `energy`, with the derivative that it has as a function of the arrays in `energy`.
 
@@ -38,54 +37,51 @@ def differentiable_minimum(
     - `y`: where its gradient vanishes. Only as exact as that is the derivative.
     - `motions`: `y -> ` motions that cost nothing, shape (n, k), or `None`.
     - `linear_solver`: of sparse symmetric systems.
-    - `factored`: a factor of a Hessian near `y`, such as Newton's last, and the coordinates held in it; it then
-        preconditions the solve. `None` to factorise at `y`.
 
     **Returns:**
 
     `y`. Its derivatives are NaN where the linear system could not be solved, as for a singular Hessian: never a wrong
     number.
     """
-    return _minimum(energy, *jax.lax.stop_gradient((y, factored)), motions, linear_solver)
+    return _minimum(energy, jax.lax.stop_gradient(y), motions, linear_solver)
 
 
 @eqx.filter_custom_jvp
-def _minimum(energy, y, factored, motions, linear_solver):
+def _minimum(energy, y, motions, linear_solver):
     return y
 
 
 @_minimum.def_jvp
 def _(primals, tangents):
-    energy, _, factored, motions, linear_solver = primals
+    energy, _, motions, linear_solver = primals
     tangent = tangents[0]
     still, moving = eqx.partition(energy, jax.tree.map(_is_none, tangent, is_leaf=_is_none), is_leaf=_is_none)
     # The minimum itself again, not y: so that this rule can be differentiated in its turn.
     minimum = _minimum(*primals)
     force = jax.jvp(lambda e: eqx.combine(e, still).gradient(minimum), (moving,), (tangent,))[1]
-    return minimum, -_solve(energy, minimum, force, motions, linear_solver, factored)
+    return minimum, -_solve(energy, minimum, force, motions, linear_solver)
 
 
 def _is_none(leaf: Any) -> bool:
     return leaf is None
 
 
-def _solve(energy, y, force, motions, linear_solver, factored) -> Float[Array, " n"]:
+def _solve(energy, y, force, motions, linear_solver) -> Float[Array, " n"]:
     """H(y)^+ force, linear in the force; the Hessian enters through its products, so the result can be differentiated
     again."""
     product = lambda direction: jax.jvp(energy.gradient, (y,), (direction,))[1]
-    still, there = _stop(energy), jax.lax.stop_gradient(y)
-    basis = None if motions is None else orthonormal(motions(there))
-    if factored is None:
-        held = None if basis is None else coordinates_to_hold(basis)
-        hessian = still.hessian(there)
-        factored = linear_solver.factorise(hessian if held is None else hold(hessian, held)), held
-    factor, held = factored
+    there = jax.lax.stop_gradient(y)
+    # A factor of this very Hessian: with Newton's last, which is of a point before, ten steps were needed where two do.
+    hessian = _stop(energy).hessian(there)
+    basis = held = None
+    if motions is not None:
+        basis = orthonormal(motions(there))
+        held = coordinates_to_hold(basis)
+    factor = linear_solver.factorise(hessian if held is None else hold(hessian, held))
 
     def solve(_, rhs):
-        rhs = project_out(basis, rhs)
-        # Two or three products cost less than assembling the Hessian once more.
-        product = jax.linearize(still.gradient, there)[1]
-        return _conjugate_gradients(product, lambda r: solve_held(linear_solver, factor, basis, held, r), rhs)
+        precondition = lambda residual: solve_held(linear_solver, factor, basis, held, residual)
+        return _conjugate_gradients(hessian.mv, precondition, project_out(basis, rhs))
 
     return jax.lax.custom_linear_solve(product, force, solve, symmetric=True)
 

@@ -25,9 +25,9 @@ def responding_minimum(
     $$y - H(y)^{+} \nabla E(y; \theta)$$
 
     with $y$ and $H$ not differentiated: a step of Newton's from the minimum, so it does not move, but its derivative is
-    the implicit one. Under `jax.linearize` all but the sweep is done once, which is what makes it cheaper than
-    `differentiable_minimum` when many products are wanted at one design; for a single gradient that one is better, as
-    it need not factorise. Second derivatives would be wrong.
+    the implicit one. Under `jax.linearize` all but the sweep is done once, and the sweep's residual is not looked at,
+    which makes it cheaper than `differentiable_minimum` when many products are wanted at one design. Second derivatives
+    would be wrong.
 
     **Arguments:**
 
