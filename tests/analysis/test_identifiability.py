@@ -10,6 +10,9 @@ import shellkit as sk
 from shellkit._symmetries import rigid_fields
 
 
+# Compiling the derivative of a relaxation takes its time; the algebra has its own quick tests in test_directions.py.
+pytestmark = pytest.mark.slow
+
 MESH = sk.meshes.icosphere(subdivisions=1)
 TOP, BOTTOM = "actuation.top.angle", "actuation.bottom.angle"
 
@@ -159,7 +162,6 @@ def test_scale_is_the_unit_of_a_parameter(found, dense):
     assert np.allclose(result.posterior(1e9)[TOP], sizes)
 
 
-@pytest.mark.slow
 def test_leading_directions_of_a_large_problem(found):
     result = sk.identifiability(PROBLEM, where=angles, count=12)
     assert not result.complete and "12 largest" in str(result)
