@@ -6,6 +6,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -107,12 +108,58 @@ def ramp(path: Path) -> None:
     sk.animate(ramp, path, color="displacement", unit="mm", size=(240, 256), fps=8)
 
 
+def surface_losses(path: Path) -> None:
+    """Two strips from the side, and where three losses pull the vertices of the upper one."""
+
+    def strip(cells, height):
+        flat = sk.meshes.rectangle(4.0, 0.6, cells=(cells, 2))
+        x, y, _ = flat.vertices.T
+        return flat.with_vertices(jnp.stack([x, y, height(x)], axis=1))
+
+    def line(mesh, field):
+        places = np.asarray(mesh.vertices)
+        row = np.flatnonzero(np.abs(places[:, 1] - 0.3) < 1e-9)
+        return np.asarray(field)[row[np.argsort(places[row, 0])]][:, [0, 2]].T
+
+    here = strip(16, lambda x: 0.9 + 0.0 * x)
+    there = strip(11, lambda x: 0.55 * jnp.exp(-4 * (x - 1.2) ** 2) - 0.35 * jnp.exp(-6 * (x - 2.8) ** 2))
+    flat = sk.InverseProblem(here, 0.1, energy=sk.StVenantKirchhoff(alpha=1.0, beta=1.0)).unrelaxed()
+    still = sk.NoAlignment()
+    losses = {
+        "PointToSurface: to the nearest points, both ways": sk.PointToSurface(there, aligner=still),
+        "Chamfer: to the nearest vertices, both ways": sk.Chamfer(there.vertices, aligner=still),
+        "Varifold: all patches within its widths": sk.Varifold(there, width=1.0, scales=2, aligner=still),
+    }
+    figure = Figure(figsize=(7, 6.4), layout="constrained")
+    for panel, (title, loss) in zip(figure.subplots(3, 1), losses.items(), strict=True):
+        slope = jax.grad(lambda v, loss=loss: loss(eqx.tree_at(lambda e: e.vertices, flat, v), sk.Passive()))
+        pull = line(here, -slope(here.vertices))
+        for mesh, colour in ((there, "#888888"), (here, LAYERS["bottom"])):
+            panel.plot(*line(mesh, mesh.vertices), color=colour, marker="o", markersize=3)
+        pull *= 0.6 / np.linalg.norm(pull, axis=0).max()
+        panel.quiver(
+            *line(here, here.vertices),
+            *pull,
+            color=LAYERS["top"],
+            angles="xy",
+            scale_units="xy",
+            scale=1,
+            width=0.003,
+        )
+        panel.set_title(title, loc="left", fontsize=10)
+        panel.set_aspect("equal")
+        panel.set_axis_off()
+    figure.savefig(path, dpi=110)
+    _shrink(path)
+
+
 PICTURES = {
     "streamlines.png": streamlines,
     "director-image.png": director_image,
     "thickened.png": thickened,
     "stress.png": stress,
     "ramp.gif": ramp,
+    "surface_losses.png": surface_losses,
 }
 
 
