@@ -95,8 +95,8 @@ class SparseNewton(optx.AbstractMinimiser):
     rtol: float
     max_steps: int = eqx.field(static=True)
     linear_solver: AbstractSparseSolver
-    atol: float = 0.0
-    norm: Callable[[PyTree], Scalar] = optx.max_norm
+    atol: float
+    norm: Callable[[PyTree], Scalar]
 
     def __init__(self, rtol: float = 1e-11, max_steps: int = 256, linear_solver: AbstractSparseSolver | None = None):
         """**Arguments:**
@@ -107,6 +107,8 @@ class SparseNewton(optx.AbstractMinimiser):
         - `linear_solver`: by default the best direct solver that is installed.
         """
         self.rtol = rtol
+        self.atol = 0.0
+        self.norm = optx.max_norm
         self.max_steps = max_steps
         self.linear_solver = default_direct_solver() if linear_solver is None else linear_solver
 
