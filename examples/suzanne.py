@@ -1,5 +1,6 @@
-"""A monkey's head that becomes a sphere: the tutorial's last design, at its own settings, with the gradient and to
-second order. The mesh is another one of the same head; see meshes/README.md."""
+"""A monkey's head that becomes a sphere: the tutorial's last design, with the gradient and to second order. The
+problem has the tutorial's settings, Adam a schedule of its own; the mesh is another one of the same head, see
+meshes/README.md."""
 
 import argparse
 from pathlib import Path
@@ -38,8 +39,8 @@ def suzanne_problem(mesh: sk.Mesh, form: Literal["sin", "tan"] = "sin") -> sk.In
 
 
 def adam(steps: int) -> optax.GradientTransformation:
-    """The tutorial's rate falls to 0.1 within 25 steps and to 0.02 by step 50; this one takes longer, as this mesh has
-    sharper ears."""
+    """The tutorial's rate falls to 0.1 within 25 steps and to 0.02 by step 50; one that falls more slowly did better on
+    this mesh."""
     return optax.adam(optax.cosine_decay_schedule(0.4, steps, alpha=0.05))
 
 
