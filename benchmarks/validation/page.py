@@ -21,6 +21,7 @@ CARDS = {
     "consistency": 4,
     "catenoid": 5,
     "spectrum": 6,
+    "plate": 7,
     "cones": 11,
     "gradients": 12,
 }
