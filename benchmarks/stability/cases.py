@@ -22,9 +22,10 @@ class Case:
     start: sk.Equilibrium | None = None
 
 
-MATERIALS: dict[str, Callable[[], sk.InverseProblem | object]] = {
-    "neo-Hookean, tan, free": lambda: sk.NeoHookean.from_young(1.0, 0.3)
-    + sk.Bending.from_young(1.0, 0.3, form="tan", directors="free"),
+MATERIALS: dict[str, Callable[[], sk.EnergyTerm]] = {
+    "neo-Hookean, tan, free": lambda: (
+        sk.NeoHookean.from_young(1.0, 0.3) + sk.Bending.from_young(1.0, 0.3, form="tan", directors="free")
+    ),
     "StVK, sin, average": lambda: sk.StVenantKirchhoff.from_young(1.0, 0.3) + sk.Bending.from_young(1.0, 0.3),
 }
 MAX_STEPS = 150
@@ -58,7 +59,7 @@ def _patch(points: np.ndarray) -> sk.Mesh:
 
 
 def random_sheets(material: str, count: int, seed: int = 0) -> Iterator[Case]:
-    """Needles, near-duplicates and obtuse angles, any thickness, faces that would like to be .3 to 3 times their size."""
+    """Needles, near-duplicates and obtuse angles, any thickness, faces that grow to .3 to 3 times their size."""
     flat = np.asarray(_patch(sk.meshes.rectangle(1.0, 1.0, cells=(3, 3)).vertices).vertices)
     random = np.random.default_rng(seed)
     for number in range(count):
@@ -75,33 +76,45 @@ def random_sheets(material: str, count: int, seed: int = 0) -> Iterator[Case]:
         yield Case(kind, shell(_patch(points), thickness, material, stretch))
 
 
-def thicknesses(material: str, count: int = 9) -> Iterator[Case]:
-    """One bent sheet that grows unevenly, from thick to thin."""
-    flat = np.asarray(_patch(sk.meshes.rectangle(1.0, 1.0, cells=(3, 3)).vertices).vertices)
+def bent(material: str, thickness: float = 0.1, scale: float = 1.0) -> sk.InverseProblem:
+    """A bent sheet whose faces grow unevenly, by five per cent or so."""
+    flat = np.asarray(sk.meshes.rectangle(1.0, 1.0, cells=(3, 3)).vertices)
     points = flat + np.stack([0 * flat[:, 0], 0 * flat[:, 0], 0.15 * flat[:, 0] * flat[:, 1]], axis=1)
     stretch = 1 + 0.05 * np.random.default_rng(0).normal(size=18)
+    return shell(_patch(scale * points), scale * thickness, material, stretch)
+
+
+def thicknesses(material: str, count: int = 9) -> Iterator[Case]:
+    """Growth that no shape in space satisfies, from thick to thin: as h vanishes, the sheet wants to crumple."""
     for thickness in np.logspace(-1, -5, count):
-        yield Case(f"h = {thickness:.0e}", shell(_patch(points), thickness, material, stretch))
+        yield Case(f"h = {thickness:.0e}", bent(material, thickness))
+
+
+def strips(material: str, count: int = 9) -> Iterator[Case]:
+    """A clamped strip under a load that goes with h³, which bends it to the same curve at any thickness."""
+    mesh = sk.meshes.rectangle(1.0, 0.25, cells=(8, 2), diagonals="alternating")
+    x = mesh.vertices[:, 0]
+    for thickness in np.logspace(-1, -5, count):
+        problem = sk.InverseProblem(
+            mesh=mesh,
+            thickness=thickness,
+            energy=MATERIALS[material]()
+            + sk.EdgeLoad(jnp.isclose(x, 1.0), force=jnp.array([0.0, 0.0, 0.02 * thickness**3])),
+            supports=sk.Clamped(jnp.isclose(x, 0.0)),
+            solver=sk.SparseNewton(max_steps=MAX_STEPS),
+        )
+        yield Case(f"h = {thickness:.0e}", problem)
 
 
 def units(material: str, count: int = 7) -> Iterator[Case]:
     """The same shell in other units of length."""
     for scale in np.logspace(-6, 6, count):
-        case = next(thicknesses(material, 2))
-        mesh = case.problem.mesh
-        yield Case(
-            f"scale {scale:.0e}",
-            eqx.tree_at(
-                lambda p: (p.mesh.vertices, p.thickness),
-                case.problem,
-                (scale * mesh.vertices, scale * case.problem.thickness),
-            ),
-        )
+        yield Case(f"scale {scale:.0e}", bent(material, scale=scale))
 
 
 def noisy_starts(material: str, count: int = 8) -> Iterator[Case]:
     """The same shell from starts off by 10 % and 50 % of an edge."""
-    problem = next(thicknesses(material, 2)).problem
+    problem = bent(material)
     rest = np.asarray(problem.mesh.vertices)
     random = np.random.default_rng(0)
     for number in range(count):
@@ -110,8 +123,8 @@ def noisy_starts(material: str, count: int = 8) -> Iterator[Case]:
 
 
 def crushed(material: str, count: int = 6) -> Iterator[Case]:
-    """Starts in which all faces are crushed along x, to a hundredth of their width at the worst, and stretched along y."""
-    problem = next(thicknesses(material, 2)).problem
+    """Starts with all faces crushed along x, to a hundredth of their width at the worst, and stretched along y."""
+    problem = bent(material)
     rest = np.asarray(problem.mesh.vertices)
     for squeeze in np.logspace(-0.5, -2, count):
         yield Case(f"crushed to {squeeze:.2g}", problem, started(problem, rest * [squeeze, 1.3, 1.0]))
@@ -119,7 +132,7 @@ def crushed(material: str, count: int = 6) -> Iterator[Case]:
 
 def folded(material: str, count: int = 4) -> Iterator[Case]:
     """Starts folded along a line, by up to a half turn."""
-    problem = next(thicknesses(material, 2)).problem
+    problem = bent(material)
     rest = np.asarray(problem.mesh.vertices)
     beyond = np.maximum(rest[:, 0] - 1 / 3, 0.0)
     for angle in np.deg2rad([90.0, 150.0, 179.0, 180.0][:count]):
@@ -131,7 +144,8 @@ def folded(material: str, count: int = 4) -> Iterator[Case]:
 
 KINDS: dict[str, tuple[Callable[..., Iterator[Case]], int]] = {
     "random sheets": (random_sheets, 60),
-    "thickness from 1e-1 to 1e-5": (thicknesses, 9),
+    "strip of any thickness": (strips, 9),
+    "misfit of any thickness": (thicknesses, 9),
     "unit of length from 1e-6 to 1e6": (units, 7),
     "starts with noise": (noisy_starts, 12),
     "starts with crushed faces": (crushed, 6),

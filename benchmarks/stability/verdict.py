@@ -14,7 +14,6 @@ from .cases import Case
 
 _STEP = 1e-6  # of an edge: how far an equilibrium may be from where the gradient vanishes
 _NEGATIVE = 1e-8  # of the largest eigenvalue: what rounding can make of a zero
-_RIGID = 6
 
 
 @dataclass(frozen=True)
@@ -63,15 +62,16 @@ def judge(case: Case) -> Verdict:
 def _at(problem: sk.InverseProblem, equilibrium: sk.Equilibrium) -> tuple[float, bool]:
     """The length of a Newton step from there in edges, and whether no direction leads down.
 
-    Unknowns are scaled so that their diagonals are one, which tells small stiffness from none; the flattest six
-    directions are the rigid motions.
+    Unknowns are scaled so that their diagonals are one, which tells small stiffness from none; the
+    flattest directions are the rigid motions, as many as are free.
     """
     gradient, hessian = (np.asarray(a) for a in _derivatives(problem, equilibrium.vertices, equilibrium.directors))
     size = 1 / np.sqrt(np.maximum(np.abs(np.diag(hessian)), 1e-300))
     values, vectors = np.linalg.eigh(hessian * size[:, None] * size[None, :])
-    stiff = np.argsort(np.abs(values))[_RIGID:]
+    rigid = 0 if problem.motions is None else problem.motions.count
+    stiff = np.argsort(np.abs(values))[rigid:]
     step = size * (vectors[:, stiff] @ ((vectors[:, stiff].T @ (size * gradient)) / values[stiff]))
     ends = np.asarray(problem.mesh.vertices)[np.asarray(problem.mesh.edges)]
     edge = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).mean()
-    moves = np.abs(step[: problem.mesh.vertices.size]).max() / edge
+    moves = np.abs(step).max() / edge
     return float(moves), bool(values.min() > -_NEGATIVE * values.max())

@@ -65,9 +65,7 @@ def answers(problem: sk.InverseProblem) -> dict[str, float]:
     inverse = factorised(matrix)
     operator = LinearOperator(matrix.shape, matvec=inverse.solve, dtype=float)
     start = np.where(heights, 1.0, 0.0)
-    vibration = eigsh(
-        diags_array(mass), k=1, M=matrix, Minv=operator, which="LA", v0=start, return_eigenvectors=False
-    )
+    vibration = eigsh(diags_array(mass), k=1, M=matrix, Minv=operator, which="LA", v0=start, return_eigenvectors=False)
     buckling = eigsh(loss / strain, k=1, M=matrix, Minv=operator, which="LA", v0=start, return_eigenvectors=False)
     return {
         "deflection": float(deflection[np.flatnonzero(free[out] == 3 * middle + 2)[0]]),
