@@ -15,8 +15,8 @@ from ..meshes import KINDS, Kind, curved, sheet
 TITLE = "Locking"
 PROBLEM = (
     "Linear benchmarks, by symmetry on a part of each: a pinched cylinder with diaphragms (displacement under the "
-    "force), the Scordelis–Lo roof (middle of the free edge), a clamped hyperbolic paraboloid under its weight (tip) at three "
-    "thicknesses."
+    "force), the Scordelis–Lo roof (middle of the free edge), a clamped hyperbolic paraboloid under its weight (tip) "
+    "at three thicknesses."
 )
 HYPAR = {1e-2: 9.3355e-5, 1e-3: 6.3941e-3, 1e-4: 0.52988}
 SIZES = {1: (8, 16), 2: (8, 16, 32), 3: (16, 32, 64), 4: (16, 32, 64, 96)}
