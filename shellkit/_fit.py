@@ -4,10 +4,9 @@ import os
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-import optax
 import optimistix as optx
 from jaxtyping import PyTree
 
@@ -20,9 +19,13 @@ from ._history import FitResult, FitStep, History
 from ._progress import Bar, JsonLines, Reporter, TensorBoard
 
 
+if TYPE_CHECKING:
+    import optax
+
+
 def fit(
     problem: Trainable,
-    optimiser: optax.GradientTransformation | optx.AbstractLeastSquaresSolver,
+    optimiser: "optax.GradientTransformation | optx.AbstractLeastSquaresSolver",
     *,
     steps: int,
     where: Callable[[Any], PyTree] | None = None,
@@ -182,6 +185,8 @@ def _on_plateau(loss: np.ndarray, patience: int, tolerance: float) -> bool:
 
 
 def _method(problem: Any, optimiser: Any) -> Method:
+    import optax
+
     if isinstance(optimiser, optax.GradientTransformation):
         return GradientMethod(optimiser)
     if not isinstance(optimiser, optx.AbstractLeastSquaresSolver):

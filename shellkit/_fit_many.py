@@ -12,7 +12,6 @@ from typing import Any
 
 import jax
 import numpy as np
-import optax
 from jaxtyping import PyTree
 
 from . import _checkpoint
@@ -240,6 +239,8 @@ def _gather(executor: Any, tasks: list[_Task], keep: Callable[[int, Any], None])
 
 
 def _is_optimiser(optimiser: Any) -> bool:
+    import optax
+
     return isinstance(optimiser, optax.GradientTransformation) or not callable(optimiser)
 
 

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optax
 from jaxtyping import Array
 
 from ._design import Design
@@ -72,7 +71,7 @@ class Method(abc.ABC):
 class GradientMethod(Method):
     """The optimisers of optax. After a refusal the update is halved, and doubled back as designs are accepted."""
 
-    def __init__(self, optimiser: optax.GradientTransformation):
+    def __init__(self, optimiser: Any):
         self._optimiser = optimiser
 
     def begin(self, design: Design, values: dict[str, Array]) -> Course:

@@ -6,7 +6,6 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import optax
 from jaxtyping import Array, Scalar
 
 from ._design import Design
@@ -45,13 +44,13 @@ def evaluate(design: Design, free: dict[str, Array], start: Any) -> Evaluation:
         return loss, (values, terms, equilibrium)
 
     (loss, (values, terms, equilibrium)), gradient = eqx.filter_value_and_grad(objective, has_aux=True)(free)
-    norm = optax.tree.norm(gradient)
+    norm = jnp.sqrt(sum((jnp.vdot(g, g) for g in jax.tree.leaves(gradient)), jnp.zeros(())))
     return Evaluation(free, values, loss, terms, gradient, norm, equilibrium, _diagnostics(equilibrium))
 
 
 @eqx.filter_jit
 def advance(
-    optimiser: optax.GradientTransformation,
+    optimiser: Any,
     design: Design,
     found: tuple[dict[str, Array], Scalar, dict[str, Array]],
     state: Any,
@@ -59,6 +58,8 @@ def advance(
 ) -> tuple[dict[str, Array], Any]:
     """The optimiser's update and next state at a design, its loss and its gradient. A line search evaluates the loss
     itself; a relaxation that fails counts as infinitely bad there."""
+    import optax
+
     free, loss, gradient = found
 
     def value_fn(free):
