@@ -81,6 +81,12 @@ def _validation() -> str:
     return page.content()
 
 
+def _stability() -> str:
+    from .stability import page
+
+    return page.content()
+
+
 PAGES: dict[str, dict[str, Callable[[], str]]] = {
     "README.md": {"figures": design_steps},
     "docs/performance.md": {
@@ -88,6 +94,7 @@ PAGES: dict[str, dict[str, Callable[[], str]]] = {
         for name in ("design_step", "relaxation", "scaling", "gradient_cost", "energy_kernel", "training")
     },
     "docs/validation.md": {"validation": _validation},
+    "docs/stability.md": {"stability": _stability},
 }
 
 

@@ -162,7 +162,13 @@ class InverseProblem(eqx.Module):
         energy = self.discrete_energy()
         y = self.assembly.restrict(self.assembly.join(vertices, directors))
         flat = energy.hessian(y)
-        return SparseSymmetric(flat.pattern, flat.values, like=self.assembly.like(vertices.dtype))
+        values = flat.values
+        if self.assembly.director_length is not None:
+            # Derivatives in angles, from those in the unknowns of a relaxation.
+            ones = jnp.ones(self.assembly.n_directors) * self.assembly.director_length
+            angles = self.assembly.restrict(jnp.concatenate([jnp.ones(3 * self.mesh.n_vertices), ones]))
+            values = values * angles[flat.pattern.rows] * angles[flat.pattern.indices]
+        return SparseSymmetric(flat.pattern, values, like=self.assembly.like(vertices.dtype))
 
     def __call__(self, start: Equilibrium | None = None) -> Equilibrium:
         """Relax the shell.
@@ -353,7 +359,7 @@ class InverseProblem(eqx.Module):
         reactions = None
         if self.assembly.free is not None:
             held = energy.full_gradient(y).at[self.assembly.free].set(0.0)
-            reactions, _ = self.assembly.split(held)
+            reactions, _ = self.assembly.split_forces(held)
         if self.motions is not None and self.motions.all_rigid:
             # The pose is that nearest to the start: no net translation or rotation of the displacement.
             vertices = Kabsch()(vertices, self.mesh.vertices)

@@ -21,6 +21,9 @@ CARDS = {
     "consistency": 4,
     "catenoid": 5,
     "spectrum": 6,
+    "plate": 7,
+    "elastica": 8,
+    "locking": 10,
     "cones": 11,
     "gradients": 12,
 }

@@ -8,9 +8,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, Scalar
 
 from .._geometry.patches import CORNER_PAIRS
+from .._geometry.surface import edge_lengths
 from .._mesh.mesh import Mesh
 from .._solve.operator import SparseSymmetric
 from .._solve.pattern import SymmetricPattern
@@ -23,8 +24,11 @@ class Assembly(eqx.Module):
     """Numbering and sparsity of one scene.
 
     Unknowns are the three coordinates of every vertex, in a frame of its own where it is held in oblique directions,
-    then one director angle an edge where directors are free; held ones are left out. Entries of the index arrays beyond
+    then one director an edge where directors are free; held ones are left out. Entries of the index arrays beyond
     the last row or non-zero are dropped when they are added.
+
+    A director is counted by its angle times a typical edge length. All unknowns are lengths then, and all derivatives
+    forces: a relaxation takes the same steps whatever the unit of length.
     """
 
     free: Int[Array, " n"] | None  # the unknowns that are not held; None if all are free
@@ -35,6 +39,7 @@ class Assembly(eqx.Module):
     face_entries: Int[Array, "F m m"] | None
     corner_entries: Int[Array, "6 3 3 F"] | None
     element_entries: tuple[Int[Array, "_ _ 3 _ 3"] | None, ...]  # None for a term that is linear
+    director_length: Scalar | None  # what one radian counts as; None without free directors
     n_vertices: int = eqx.field(static=True)
     n_directors: int = eqx.field(static=True)
 
@@ -99,6 +104,7 @@ class Assembly(eqx.Module):
             face_entries=face_entries,
             corner_entries=corner_entries,
             element_entries=element_entries,
+            director_length=jax.lax.stop_gradient(jnp.mean(edge_lengths(mesh.vertices, mesh))) if directors else None,
             n_vertices=mesh.n_vertices,
             n_directors=directors,
         )
@@ -125,19 +131,26 @@ class Assembly(eqx.Module):
         return (vertices, jax.ShapeDtypeStruct((self.n_directors,), dtype)) if self.n_directors else vertices
 
     def split(self, unknowns: Float[Array, " N"]) -> tuple[Float[Array, "V 3"], Float[Array, " E"] | None]:
-        """Positions and directors from the vector of all unknowns; likewise forces and moments, and motions."""
+        """Positions and directors, as angles, from the vector of all unknowns; likewise motions."""
         vertices = unknowns[: 3 * self.n_vertices].reshape(-1, 3)
         vertices = vertices if self.frames is None else self.frames.out_of(vertices)
-        return vertices, unknowns[3 * self.n_vertices :] if self.n_directors else None
+        if self.director_length is None:
+            return vertices, None
+        return vertices, unknowns[3 * self.n_vertices :] / self.director_length
+
+    def split_forces(self, gradient: Float[Array, " N"]) -> tuple[Float[Array, "V 3"], Float[Array, " E"] | None]:
+        """Forces at the vertices and moments on the directors, from derivatives in all unknowns."""
+        forces, moments = self.split(gradient)
+        return forces, None if moments is None else self.director_length**2 * moments
 
     def join(self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None) -> Float[Array, " N"]:
         """The vector of all unknowns; the inverse of `split`."""
         vertices = vertices if self.frames is None else self.frames.into(vertices)
-        if not self.n_directors:
+        if self.director_length is None:
             return vertices.reshape(-1)
         if directors is None:
             directors = jnp.zeros(self.n_directors, vertices.dtype)
-        return jnp.concatenate([vertices.reshape(-1), directors])
+        return jnp.concatenate([vertices.reshape(-1), self.director_length * directors])
 
     def restrict(self, unknowns: Float[Array, " N"]) -> Float[Array, " n"]:
         """The free ones among all unknowns."""

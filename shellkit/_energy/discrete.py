@@ -53,7 +53,7 @@ class DiscreteEnergy(eqx.Module):
         self.faces = None
         if on_faces:
             form = bending[0].form if bending else None
-            self.faces = FaceEnergies(on_faces, mesh, continuation, form, free=assembly.n_directors > 0)
+            self.faces = FaceEnergies(on_faces, mesh, continuation, form, assembly.director_length)
         self.elements = tuple(
             Elements(term, weight, term.element_data(mesh, rest), stencil)
             for (weight, term), stencil in zip(own, assembly.stencils, strict=True)
@@ -128,7 +128,7 @@ class DiscreteEnergy(eqx.Module):
         assembled = self.assembly.vector(on_faces, tuple(gradients))
         if self.moments is not None and directors is not None:
             total = total - self.moments @ directors
-            assembled = assembled.at[-self.assembly.n_directors :].add(-self.moments)
+            assembled = assembled.at[-self.assembly.n_directors :].add(-self.moments / self.assembly.director_length)
         return total, assembled
 
 

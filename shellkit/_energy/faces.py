@@ -30,15 +30,15 @@ from .base import FormEnergy
 class FaceEnergies(eqx.Module):
     """The terms of one sum that share the kinematics of faces, with their data for one rest shape.
 
-    Without `form` no term bends: the elements are single faces. With `free` directors each edge has an unknown. A
-    `continuation` holds the normals of some edges.
+    Without `form` no term bends: the elements are single faces. Where directors are free each edge has an unknown,
+    its angle times `director_length`; derivatives are in that. A `continuation` holds the normals of some edges.
     """
 
     terms: tuple[tuple[Array | None, FormEnergy, PyTree[Array]], ...]
     mesh: Mesh
     continuation: Continuation | None
     form: CurvatureForm | None = eqx.field(static=True)
-    free: bool = eqx.field(static=True)
+    director_length: Scalar | None
 
     def _density(self, squared_lengths: Float[Array, "3 F"], half_angles: Float[Array, "3 F"] | None):
         metric = metric_from_lengths(squared_lengths)
@@ -59,7 +59,7 @@ class FaceEnergies(eqx.Module):
             return triangles, None, tuple(triangles.squared_lengths)
         hinges = Hinges(vertices, self.mesh, triangles, self.continuation)
         half = hinges.near_part(hinges.angles)
-        if self.free:
+        if self.director_length is not None:
             half = half + director_signs(self.mesh) * directors[self.mesh.face_edges.T]
         return triangles, hinges, (*triangles.squared_lengths, *half)
 
@@ -96,8 +96,8 @@ class FaceEnergies(eqx.Module):
         tails, heads, near, far = gradients.pull_back(hinges.near_part(stress[3:]))
         corners = at_corners(tails - pull, heads + pull)
         parts = [*(own + shared for own, shared in zip(near, corners, strict=True)), *far]
-        if self.free:
-            parts.append(director_signs(self.mesh) * stress[3:])
+        if self.director_length is not None:
+            parts.append(director_signs(self.mesh) / self.director_length * stress[3:])
         return jnp.concatenate(parts)
 
     def derivatives(
@@ -129,8 +129,8 @@ class FaceEnergies(eqx.Module):
             beyond = hinge_stress.T.reshape(-1)[jnp.maximum(self.mesh.twins.T, 0)]
             hinge_stress = hinges.hinged * hinge_stress + hinges.beyond * beyond
             geometric = geometric + hinge_curvature(triangles, hinge_stress)
-        if self.free:
-            signs, none = director_signs(self.mesh), jnp.zeros_like(triangles.twice_area)[None]
+        if self.director_length is not None:
+            signs, none = director_signs(self.mesh) / self.director_length, jnp.zeros_like(triangles.twice_area)[None]
             rows = [row + [signs[k][None] if i == 3 + k else none for k in range(3)] for i, row in enumerate(rows)]
         rows = jnp.transpose(jnp.stack([jnp.concatenate(row) for row in rows]), (2, 0, 1))
         stiffness = _contract(rows, _contract(jnp.transpose(stiffness, (2, 0, 1)), rows))
