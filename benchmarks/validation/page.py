@@ -42,7 +42,7 @@ def path_of(card: str) -> Path:
 
 def picture_of(card: str) -> Path:
     """Where its figure lies."""
-    return ROOT / "docs" / "assets" / f"validation_{card}.svg"
+    return ROOT / "docs" / "assets" / f"validation_{card}.png"
 
 
 def load(card: str) -> list[Figure]:
@@ -105,7 +105,7 @@ def draw(card: str) -> None:
     """Errors against the mesh size, a panel for each quantity that was refined."""
     import matplotlib
 
-    matplotlib.use("svg")
+    matplotlib.use("agg")
     import matplotlib.pyplot as plt
 
     from ..plot import STYLE
@@ -128,5 +128,5 @@ def draw(card: str) -> None:
             axis.set(xlabel="cells a side", title=quantity)
             axis.legend(fontsize=6)
         axes[0, 0].set_ylabel("relative error")
-        figure.savefig(picture_of(card), metadata={"Date": None})
+        figure.savefig(picture_of(card), dpi=80, metadata={"Software": None})
         plt.close(figure)

@@ -141,7 +141,9 @@ class Assembly(eqx.Module):
     def split_forces(self, gradient: Float[Array, " N"]) -> tuple[Float[Array, "V 3"], Float[Array, " E"] | None]:
         """Forces at the vertices and moments on the directors, from derivatives in all unknowns."""
         forces, moments = self.split(gradient)
-        return forces, None if moments is None else self.director_length**2 * moments
+        if moments is None or self.director_length is None:
+            return forces, None
+        return forces, self.director_length**2 * moments
 
     def join(self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None) -> Float[Array, " N"]:
         """The vector of all unknowns; the inverse of `split`."""

@@ -128,7 +128,9 @@ class DiscreteEnergy(eqx.Module):
         assembled = self.assembly.vector(on_faces, tuple(gradients))
         if self.moments is not None and directors is not None:
             total = total - self.moments @ directors
-            assembled = assembled.at[-self.assembly.n_directors :].add(-self.moments / self.assembly.director_length)
+            length = self.assembly.director_length
+            assert length is not None  # there are moments on free directors only
+            assembled = assembled.at[-self.assembly.n_directors :].add(-self.moments / length)
         return total, assembled
 
 
