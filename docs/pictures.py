@@ -30,7 +30,7 @@ def disc() -> tuple[sk.Mesh, list[jax.Array]]:
     return mesh, [around, around + jnp.pi / 4]
 
 
-def _shrink(path: Path) -> None:
+def shrink(path: Path) -> None:
     """Rewrites a picture with 96 colours, which is a third of its size."""
     Image.open(path).convert("RGB").quantize(96, dither=Image.Dither.NONE).save(path, optimize=True)
 
@@ -48,7 +48,7 @@ def streamlines(path: Path) -> None:
         axes.set_aspect("equal")
         axes.set_axis_off()
     figure.savefig(path, dpi=90)
-    _shrink(path)
+    shrink(path)
 
 
 def director_image(path: Path) -> None:
@@ -79,7 +79,7 @@ def thickened(path: Path) -> None:
     plotter.camera.zoom(1.5)
     plotter.screenshot(path)
     plotter.close()
-    _shrink(path)
+    shrink(path)
 
 
 def heated_strip() -> tuple[sk.InverseProblem, sk.Path]:
@@ -99,7 +99,7 @@ def stress(path: Path) -> None:
     """The rolled strip under its stress."""
     problem, ramp = heated_strip()
     sk.plot(ramp.equilibria[-1], problem=problem, color="stress", stress_unit="MPa", directors=False, save=path).close()
-    _shrink(path)
+    shrink(path)
 
 
 def ramp(path: Path) -> None:
@@ -150,7 +150,7 @@ def surface_losses(path: Path) -> None:
         panel.set_aspect("equal")
         panel.set_axis_off()
     figure.savefig(path, dpi=110)
-    _shrink(path)
+    shrink(path)
 
 
 PICTURES = {

@@ -16,6 +16,10 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]  # an E
         "has no gradient: there is no equilibrium to find. Equilibrium.worst_hinge is the edge. Use "
         'Bending(form="tan"), which resists folding, or a weaker actuation.'
     )
+    hinge_pressed = (
+        "The relaxation stopped short of an equilibrium with a hinge that is folded flat; Equilibrium.worst_hinge is "
+        "the edge. Relax along a path, allow more steps, or take a weaker actuation or load, or a finer mesh there."
+    )
     stuck = (
         "No step lowers the energy, far from an equilibrium. Common causes: a face of nearly no area, an energy that "
         "is not finite or has no gradient there. Look at equilibrium.vertices, or relax along a path."

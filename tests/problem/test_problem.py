@@ -231,6 +231,26 @@ def test_folded_hinge_is_named():
         assert int(equilibrium.worst_hinge) == int(jnp.argmax(hinge.edge_faces[:, 1] >= 0))
 
 
+@pytest.mark.parametrize(
+    ("form", "directors", "result"),
+    [("sin", "average", "hinge_folded"), ("tan", "average", "hinge_pressed"), ("sin", "free", "hinge_pressed")],
+)
+def test_a_fold_is_laid_to_averaged_normals_only_where_there_are_some(form, directors, result):
+    hinge = sk.Mesh(np.array([[0, 0, 0], [1, 0, 0], [0.5, 1, 0], [0.5, -1, 0.0]]), np.array([[0, 1, 2], [1, 0, 3]]))
+    problem = sk.InverseProblem(
+        mesh=hinge,
+        thickness=0.1,
+        energy=sk.StVenantKirchhoff(1.0, 1.0) + sk.Bending(1.0, 1.0, form=form, directors=directors),
+        solver=sk.SparseNewton(max_steps=0),
+    )
+    turn = np.deg2rad(179.5)
+    shut = hinge.vertices.at[3].set(jnp.array([0.5, -np.cos(turn), np.sin(turn)]))
+    start = eqx.tree_at(lambda e: e.vertices, problem.unrelaxed(), shut)
+    equilibrium = problem(start)
+    assert not bool(equilibrium.converged)
+    assert bool(equilibrium.result == getattr(sk.RESULTS, result))
+
+
 def test_problem_without_a_loss_says_so():
     with pytest.raises(ValueError, match="no loss"):
         sk.InverseProblem(mesh=MESH, thickness=0.1, energy=ENERGY).evaluate()
