@@ -13,7 +13,7 @@ import numpy as np
 import optax
 from matplotlib.figure import Figure
 from pictures import ASSETS, LAYERS, shrink
-from PIL import Image
+from PIL import Image, ImageSequence
 
 import shellkit as sk
 
@@ -159,14 +159,16 @@ def energy(path: Path) -> None:
     left, right = figure.subplots(1, 2)
     for (name, term), color in zip(materials.items(), colors, strict=True):
         values = jax.vmap(sk.InverseProblem(mesh=square, thickness=1.0, energy=term).total_energy)(pulled)
-        left.plot(stretches, values, label=name, color=color, linewidth=1.8)
+        dashes = (0, (4, 3)) if name == "TensionField" else "-"  # over the curve that it shares in tension
+        left.plot(stretches, values, label=name, color=color, linewidth=1.8, linestyle=dashes)
     for (name, term), color in zip(forms.items(), colors, strict=False):
         values = jax.vmap(sk.InverseProblem(mesh=hinge, thickness=1.0, energy=term).total_energy)(folded)
         right.plot(np.degrees(angles), values, label=name, color=color, linewidth=1.8)
-    left.set(xlabel="stretch along, none across", ylabel="energy / (E · volume)", ylim=(0, 0.45))
+    left.set(xlabel="stretch along, none across", ylabel="energy / (E · volume)", ylim=(0, 0.6))
     right.set(xlabel="angle of a hinge (°)", ylabel="energy, thickness 1", ylim=(0, 3), xticks=(0, 60, 120, 180))
+    left.legend(frameon=False, fontsize="small", loc="upper center")
+    right.legend(frameon=False, fontsize="small")
     for axes in (left, right):
-        axes.legend(frameon=False, fontsize="small")
         axes.spines[["top", "right"]].set_visible(False)
     figure.savefig(path, dpi=120)
     shrink(path)
@@ -185,7 +187,8 @@ def equilibrium(path: Path) -> None:
     figure = Figure(figsize=(7.6, 3.4))
     axes = figure.add_axes((0.09, 0.15, 0.89, 0.82))
     axes.plot(parts, energies / energies[50], color=DARK, linewidth=2)
-    axes.set(xlabel="height of the centre, as a part of the cone's", ylabel="energy / energy when flat", ylim=(0, 2.0))
+    axes.set(xlabel="height of the centre, as a part of the cone's", ylabel="energy / energy when flat")
+    axes.set(xlim=(-1.45, 1.45), ylim=(-0.3, 1.9))
     axes.spines[["top", "right"]].set_visible(False)
     with tempfile.TemporaryDirectory() as folder:
         for s, name in ((-1.0, "a minimum"), (0.0, "a saddle: the start"), (1.0, "the other minimum")):
@@ -193,12 +196,23 @@ def equilibrium(path: Path) -> None:
             drawn = problem.mesh.with_vertices(shape(s))
             sk.plot(drawn, camera=(0.4, -1.0, 0.35), size=(360, 300), save=file).close()
             axes.plot(s, here, "o", color=LAYERS["top"], zorder=3)
-            inset = axes.inset_axes((0.5 + s / 2.75 - 0.13, here / 2.0 + 0.10, 0.26, 0.36))
-            inset.imshow(np.asarray(Image.open(file))[45:235])
+            picture = np.asarray(Image.open(file).convert("RGBA"))[45:235].copy()
+            picture[..., 3] = 255 * (picture[..., :3].min(axis=2) < 253)  # the curve shows through what is white
+            inset = axes.inset_axes((s - 0.37, here + 0.2, 0.74, 0.6), transform=axes.transData)
+            inset.imshow(picture)
             inset.set_axis_off()
-            axes.text(s, here + 0.08, name, ha="center", va="bottom", fontsize=10)
+            axes.text(s, here + (0.1 if s == 0 else -0.2), name, ha="center", va="bottom", fontsize=10)
     figure.savefig(path, dpi=120)
     shrink(path)
+
+
+def _as_webp(film: Path, path: Path) -> None:
+    image = Image.open(film)
+    times, frames = [], []
+    for frame in ImageSequence.Iterator(image):
+        frames.append(frame.convert("RGB"))
+        times.append(frame.info["duration"])
+    frames[0].save(path, save_all=True, append_images=frames[1:], duration=times, loop=0, quality=72, method=6)
 
 
 @functools.cache
@@ -218,10 +232,13 @@ def ellipsoid() -> sk.InverseProblem:
 
 def training(path: Path) -> None:
     """The directors and the shape of the first page's design while it is trained, and its loss."""
-    film = sk.Snapshots(every=4)
+    film = sk.Snapshots(every=5)
     angles = lambda p: (p.actuation.top.angle, p.actuation.bottom.angle)
     result = sk.fit(ellipsoid(), optax.adam(0.1), steps=80, where=angles, callbacks=[film], progress=False)
-    sk.animate(film, path, color=False, size=(200, 210), fps=6, pause=2)
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "training.gif"
+        sk.animate(film, file, color=False, size=(200, 210), fps=6, pause=2)
+        _as_webp(file, path)
     sk.plot_history(result, size=(5.6, 3.0), save=path.with_name("history.png"))
     shrink(path.with_name("history.png"))
 
@@ -246,6 +263,7 @@ def gradients(path: Path) -> None:
     right.loglog(steps, remainders, "o-", color=LAYERS["bottom"], label="what the expansion leaves")
     right.loglog(steps, remainders[0] * (steps / steps[0]) ** 2, ":", color=DARK, label="slope 2")
     right.set(xlabel="step along a random direction", ylabel="remainder")
+    right.xaxis.set_minor_formatter("")
     right.legend(frameon=False, fontsize="small")
     right.spines[["top", "right"]].set_visible(False)
     figure.savefig(path, dpi=120)
@@ -257,7 +275,7 @@ PICTURES = {
     "actuation.png": actuation,
     "energy.png": energy,
     "equilibrium.png": equilibrium,
-    "training.gif": training,
+    "training.webp": training,
     "gradients.png": gradients,
 }
 

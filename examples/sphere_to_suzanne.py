@@ -1,5 +1,6 @@
-"""The direct problem: a sphere becomes Suzanne, Blender's monkey head, whose mesh shares nothing with the sphere's. The
-same bilayer is designed three times: nematic, nematic with trained stretches, and growing freely within bounds."""
+"""A sphere that becomes Suzanne, Blender's monkey head, whose mesh shares nothing with the sphere's: the direct
+problem. The same bilayer is designed three times: nematic, nematic with trained stretches, and growing freely within
+bounds."""
 
 import argparse
 from pathlib import Path
