@@ -185,7 +185,7 @@ def equilibrium(path: Path) -> None:
     shape = lambda s: flat + s**2 * inward + s * upward
     energies = np.asarray(jax.lax.map(lambda s: problem.total_energy(shape(s)), parts))
     figure = Figure(figsize=(7.6, 3.4))
-    axes = figure.add_axes((0.09, 0.15, 0.89, 0.82))
+    axes = figure.add_axes((0.11, 0.15, 0.87, 0.82))
     axes.plot(parts, energies / energies[50], color=DARK, linewidth=2)
     axes.set(xlabel="height of the centre, as a part of the cone's", ylabel="energy / energy when flat")
     axes.set(xlim=(-1.45, 1.45), ylim=(-0.3, 1.9))
