@@ -235,7 +235,7 @@ class InverseProblem(eqx.Module):
             worst_hinge = self.mesh.face_edges.T.reshape(-1)[flat]
             folded = ~converged & (jnp.max(angles) > jnp.deg2rad(_FOLDED))
             # Only an averaged normal vanishes on a fold, and only a form that stays finite there can end on it.
-            averaged = energy.faces.form != "tan" and not energy.faces.free
+            averaged = energy.faces.form != "tan" and energy.faces.director_length is None
             result = RESULTS.where(folded, RESULTS.hinge_folded if averaged else RESULTS.hinge_pressed, result)
         return Equilibrium(
             mesh=self.mesh,
