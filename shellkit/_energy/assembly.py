@@ -17,6 +17,7 @@ from .._solve.operator import SparseSymmetric
 from .._solve.pattern import SymmetricPattern
 from .._supports.base import Supports
 from .base import AbstractEnergy, EnergyTerm, FormEnergy
+from .convexity import FaceHessians
 from .frames import Frames
 
 
@@ -179,24 +180,27 @@ class Assembly(eqx.Module):
             total = total.at[: 3 * self.n_vertices].set(forces.reshape(-1))
         return total
 
-    def matrices(
-        self,
-        faces: tuple[Float[Array, "F m m"], Float[Array, "6 3 3 F"]] | None,
-        elements: tuple[Float[Array, "_ _ 3 _ 3"] | None, ...],
-    ) -> tuple[SparseSymmetric, SparseSymmetric | None]:
-        """Add up the Hessians of elements over the free unknowns, `None` for those of a linear term; and the part of
-        the sum that stress on the faces has."""
-        values = jnp.zeros(self.pattern.nnz if self.frames is None else self.frames.n_entries)
-        stress = None
+    def matrix(
+        self, faces: FaceHessians | None, elements: tuple[Float[Array, "_ _ 3 _ 3"] | None, ...]
+    ) -> SparseSymmetric:
+        """Add up the Hessians of elements over the free unknowns, `None` for those of a linear term."""
+        values = self._blank()
         if faces is not None:
-            stiffness, geometric = faces
             # The smaller part first: XLA then adds the larger one in place.
-            stress = values = values.at[self.corner_entries].add(geometric, mode="drop")
-            values = values.at[self.face_entries].add(stiffness, mode="drop")
+            values = values.at[self.corner_entries].add(faces.geometric, mode="drop")
+            values = values.at[self.face_entries].add(faces.stiffness(), mode="drop")
         for entries, hessian in zip(self.element_entries, elements, strict=True):
             if entries is not None and hessian is not None:
                 values = values.at[entries].add(hessian, mode="drop")
-        return self._operator(values), None if stress is None else self._operator(stress)
+        return self._operator(values)
+
+    def lift(self, faces: FaceHessians) -> SparseSymmetric:
+        """What to add to the Hessian so that faces have no negative curvature in it."""
+        values = self._blank().at[self.corner_entries].add(-faces.geometric, mode="drop")
+        return self._operator(values.at[self.face_entries].add(faces.lift(), mode="drop"))
+
+    def _blank(self) -> Float[Array, " nnz"]:
+        return jnp.zeros(self.pattern.nnz if self.frames is None else self.frames.n_entries)
 
     def _operator(self, values: Float[Array, " nnz"]) -> SparseSymmetric:
         return SparseSymmetric(self.pattern, values if self.frames is None else self.frames.turn(values))

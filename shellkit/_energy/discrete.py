@@ -10,6 +10,7 @@ from .._rest import RestShape
 from .._solve.operator import SparseSymmetric
 from .assembly import Assembly
 from .base import AbstractEnergy, EnergyTerm, FormEnergy
+from .convexity import FaceHessians
 from .elements import Elements
 from .faces import FaceEnergies
 
@@ -91,19 +92,19 @@ class DiscreteEnergy(eqx.Module):
 
     def derivatives(
         self, y: Float[Array, " n"]
-    ) -> tuple[Scalar, Float[Array, " n"], SparseSymmetric, SparseSymmetric | None]:
+    ) -> tuple[Scalar, Float[Array, " n"], SparseSymmetric, "Convexification | None"]:
         """The energy, its gradient and its Hessian in the free unknowns, which share most of the work.
 
-        Last comes the part of the Hessian that stress has by the second derivatives of lengths and hinge angles;
-        without it the Hessian is positive definite, or nearly so. Only terms on faces have it.
+        Last comes what makes the Hessian convex; only terms on faces have it.
         """
         vertices, directors = self.state(y)
         total, on_faces, second = jnp.zeros(()), None, None
         if self.faces is not None:
             total, on_faces, second = self.faces.derivatives(vertices, directors)
         total, gradient = self._with_elements(total, on_faces, vertices, directors)
-        matrices = self.assembly.matrices(second, tuple(elements.hessian(vertices) for elements in self.elements))
-        return total, self.assembly.restrict(gradient), *matrices
+        hessian = self.assembly.matrix(second, tuple(elements.hessian(vertices) for elements in self.elements))
+        convexification = None if second is None else Convexification(self.assembly, second)
+        return total, self.assembly.restrict(gradient), hessian, convexification
 
     def hessian(self, y: Float[Array, " n"]) -> SparseSymmetric:
         """The Hessian in the free unknowns."""
@@ -132,6 +133,20 @@ class DiscreteEnergy(eqx.Module):
             assert length is not None  # there are moments on free directors only
             assembled = assembled.at[-self.assembly.n_directors :].add(-self.moments / length)
         return total, assembled
+
+
+class Convexification(eqx.Module):
+    """What to add to a Hessian so that it is positive semidefinite: stress times the second derivatives of lengths and
+    hinge angles is taken away, and the energies of faces are made convex in these numbers.
+
+    Worked out when it is called, as most Hessians need none.
+    """
+
+    assembly: Assembly
+    faces: FaceHessians
+
+    def __call__(self) -> SparseSymmetric:
+        return self.assembly.lift(self.faces)
 
 
 def _director_moments(terms: list[tuple[Array | None, EnergyTerm]], mesh: Mesh) -> Float[Array, " E"] | None:

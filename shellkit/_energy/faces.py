@@ -25,6 +25,7 @@ from .._geometry.patches import (
 )
 from .._mesh.mesh import Mesh
 from .base import FormEnergy
+from .convexity import FaceHessians
 
 
 class FaceEnergies(eqx.Module):
@@ -102,17 +103,12 @@ class FaceEnergies(eqx.Module):
 
     def derivatives(
         self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None
-    ) -> tuple[Scalar, Float[Array, "m F"], tuple[Float[Array, "F m m"], Float[Array, "6 3 3 F"]]]:
-        """The sum over all faces, its gradient as in `value_and_gradient`, and its second derivatives.
-
-        These come as two sums over faces: of stiffness in the m unknowns, and of stress in the pairs of corners, in the
-        order of `CORNER_PAIRS`. The stress on a hinge is gathered from both its faces first, so the sums are exact and
-        single elements are not.
-        """
+    ) -> tuple[Scalar, Float[Array, "m F"], FaceHessians]:
+        """The sum over all faces, its gradient as in `value_and_gradient`, and its second derivatives."""
         triangles, hinges, numbers = self._intrinsic(vertices, directors)
-        value, stress, stiffness = _second_derivatives(self._value_and_stress, numbers)
+        value, stress, intrinsic = _second_derivatives(self._value_and_stress, numbers)
         # What several of the sums below use is kept in memory, or XLA computes it again for each.
-        triangles, hinges, stress, stiffness = jax.lax.optimization_barrier((triangles, hinges, stress, stiffness))
+        triangles, hinges, stress, intrinsic = jax.lax.optimization_barrier((triangles, hinges, stress, intrinsic))
         rows = [[2.0 * SIGN[i, p] * triangles.edges[i] for p in range(3)] for i in range(3)]
         geometric = length_curvature(stress[:3])
         gradients = None
@@ -133,8 +129,8 @@ class FaceEnergies(eqx.Module):
             signs, none = director_signs(self.mesh) / self.director_length, jnp.zeros_like(triangles.twice_area)[None]
             rows = [row + [signs[k][None] if i == 3 + k else none for k in range(3)] for i, row in enumerate(rows)]
         rows = jnp.transpose(jnp.stack([jnp.concatenate(row) for row in rows]), (2, 0, 1))
-        stiffness = _contract(rows, _contract(jnp.transpose(stiffness, (2, 0, 1)), rows))
-        return jnp.sum(value), self._pull_back(triangles, hinges, gradients, stress), (stiffness, geometric)
+        pulled = self._pull_back(triangles, hinges, gradients, stress)
+        return jnp.sum(value), pulled, FaceHessians(rows, intrinsic, geometric)
 
 
 def _second_derivatives(
@@ -148,9 +144,3 @@ def _second_derivatives(
         (value, *stress), (_, *column) = jax.jvp(along, (number,), (jnp.ones_like(number),))
         columns.append(jnp.stack(column))
     return value, jnp.stack(stress), jnp.stack(columns)
-
-
-def _contract(a: Float[Array, "F k m"], b: Float[Array, "F k n"]) -> Float[Array, "F m n"]:
-    """a^T b, face by face. As a batched product it also keeps XLA from recomputing its operands for each of its
-    outputs."""
-    return jax.lax.dot_general(a, b, (((1,), (1,)), ((0,), (0,))))

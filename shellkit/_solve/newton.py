@@ -24,19 +24,22 @@ _CONTRACTION = 0.5  # corrections go on while each cuts the gradient to this or 
 _PATIENCE = 8.0  # and while no more of them than this seem to be left: a step costs as much as seven
 _MEMORY = 8  # corrections that the next one learns from
 _SMALLEST_SHIFT, _LARGEST_SHIFT = 1e-4, 1e8  # in units of the mean diagonal entry
-_SHIFT_GROWTH, _SHIFT_DECAY = 8.0, 0.1
-_HALF_STRESS, _DAMPING = 1e-3, 1e-4  # the shift at which half the stress is left out, and the identity's part in it
-_MAX_SHIFTS = 24
+_SHIFT_GROWTH, _SHIFT_DECAY = 4.0, 0.1
+_HALF_CONVEX, _DAMPING = 1e-3, 1e-6  # the shift at which the model is half convex, and the identity's part in it
+_MAX_SHIFTS = 8
 _FLOOR = 1e-5  # steps below this fraction of the typical length that lower nothing are rounding
 _SADDLE = 1e-2  # steps below this fraction of the typical length, with a shift, may be at a saddle
 _INVERSE_ITERATIONS = 8
+
+
+_Convexification = Callable[[], SparseSymmetric]
 
 
 class _Scene(eqx.Module):
     """What the method asks of the function that it minimises; see `SparseNewton`."""
 
     value_and_gradient: Callable[[Array], tuple[Scalar, Array]]
-    derivatives: Callable[[Array], tuple[Scalar, Array, SparseSymmetric, SparseSymmetric | None]]
+    derivatives: Callable[[Array], tuple[Scalar, Array, SparseSymmetric, _Convexification | None]]
     feasible: Callable[[Array, Array], Bool[Array, ""]]
     motions: Callable[[Array], Array] | None
     length: Scalar
@@ -74,8 +77,8 @@ class SparseNewton(optx.AbstractMinimiser):
     It works on one flat vector and is told about the function through `options` of `optimistix.minimise`:
 
     - `options["hessian"]`: `y -> ` the Hessian, a sparse symmetric operator. Required, unless there is
-    - `options["derivatives"]`: `y -> ` value, gradient, Hessian, and that part of it, or `None`, that leaves it
-        positive definite when it is taken away: the second derivatives of strain, times stress.
+    - `options["derivatives"]`: `y -> ` value, gradient, Hessian, and `() -> ` what makes it positive semidefinite when
+        it is added, another such operator; or `None`, and a multiple of the identity is added where it must.
     - `options["value_and_gradient"]`: `y -> ` both; by default by automatic differentiation.
     - `options["feasible"]`: `(y, y_new) -> bool`, whether a step may be taken.
     - `options["motions"]`: `y -> ` motions that cost nothing, shape (n, k).
@@ -141,11 +144,11 @@ class SparseNewton(optx.AbstractMinimiser):
 
     def step(self, fn, y, args, options, state: NewtonState, tags):
         scene = self._scene(fn, args, options)
-        value, gradient, hessian, stress = scene.derivatives(y)
+        value, gradient, hessian, convexification = scene.derivatives(y)
         point = Point(y, value, gradient)
         basis = None if scene.motions is None else orthonormal(scene.motions(y))
         held = None if basis is None else coordinates_to_hold(basis)
-        factor, newton, shift, tries = self._factorise(state, hessian, stress, basis, held, -gradient)
+        factor, newton, shift, tries = self._factorise(state, hessian, convexification, basis, held, -gradient)
         solve = lambda rhs: solve_held(self.linear_solver, factor, basis, held, rhs)
         direction = jax.lax.cond(
             state.leaving, lambda: scene.length * _negative_curvature(solve, gradient), lambda: newton
@@ -175,7 +178,13 @@ class SparseNewton(optx.AbstractMinimiser):
         return moved.y, state, None
 
     def _factorise(
-        self, state: NewtonState, hessian: SparseSymmetric, stress: SparseSymmetric | None, basis, held, rhs: Array
+        self,
+        state: NewtonState,
+        hessian: SparseSymmetric,
+        convexification: _Convexification | None,
+        basis: Float[Array, "n k"] | None,
+        held: Int[Array, " k"] | None,
+        rhs: Array,
     ) -> tuple[Factor, Float[Array, " n"], Scalar, Int[Array, ""]]:
         """Factorise the Hessian with the smallest shift tried, from the last one up, that leaves no negative
         eigenvalue; and solve for one right-hand side."""
@@ -184,15 +193,24 @@ class SparseNewton(optx.AbstractMinimiser):
             rhs = project_out(basis, rhs).at[held].set(0.0)
 
         def attempt(carry):
-            _, _, next_shift, _, tries = carry
-            matrix = _shifted(hessian, stress, next_shift, unit)
+            _, _, next_shift, last_shift, tries, lift = carry
+            if convexification is None:
+                matrix = hessian.shifted(next_shift * unit)
+            else:
+                # Worked out at the first shift of this step.
+                first = (next_shift > 0) & ((tries == 0) | (last_shift == 0))
+                lift = jax.lax.cond(first, lambda: convexification().values, lambda: lift)
+                matrix = _convexified(hessian, lift, next_shift, unit)
             matrix = matrix if held is None else hold(matrix, held)
             factor, solution = self.linear_solver.factorise_and_solve(matrix, rhs)
-            return factor, solution, jnp.maximum(next_shift, _SMALLEST_SHIFT) * _SHIFT_GROWTH, next_shift, tries + 1
+            # Each try costs as much as a step that is too careful: they lie ever further apart.
+            higher = jnp.maximum(next_shift, _SMALLEST_SHIFT) * _SHIFT_GROWTH ** (tries + 1)
+            return factor, solution, higher, next_shift, tries + 1, lift
 
         unfit = lambda carry: (carry[4] == 0) | (~_usable(carry[0]) & (carry[4] < _MAX_SHIFTS))
-        start = (state.factor, rhs, state.shift, state.shift, jnp.zeros((), jnp.int32))
-        factor, solution, _, shift, tries = jax.lax.while_loop(unfit, attempt, start)
+        no_lift = None if convexification is None else jnp.zeros_like(hessian.values)
+        start = (state.factor, rhs, state.shift, state.shift, jnp.zeros((), jnp.int32), no_lift)
+        factor, solution, _, shift, tries, _ = jax.lax.while_loop(unfit, attempt, start)
         return factor, project_out(basis, solution), shift, tries
 
     def terminate(self, fn, y, args, options, state: NewtonState, tags):
@@ -203,18 +221,17 @@ class SparseNewton(optx.AbstractMinimiser):
         return y, aux, {"factorisations": state.factorisations}
 
 
-def _shifted(hessian: SparseSymmetric, stress: SparseSymmetric | None, shift: Scalar, unit: Scalar) -> SparseSymmetric:
-    """The Hessian made more positive: by the identity, or where the part due to stress is known, by less of that.
+def _convexified(hessian: SparseSymmetric, lift: Float[Array, " nnz"], shift: Scalar, unit: Scalar) -> SparseSymmetric:
+    """The Hessian with a part of what makes it convex, all of it as the shift grows.
 
-    Compressed shells have negative eigenvalues far beyond the first one to buckle. With the identity the last, of short
-    waves, is the softest direction that is left, and leads to crumpled states; with less stress it is the first.
+    Compressed shells have negative eigenvalues far beyond the first one to buckle. With a multiple of the identity the
+    last of them, of short waves, becomes the softest direction that is left, and leads to crumpled states; a convex
+    model keeps the order of the modes.
     """
-    if stress is None:
-        return hessian.shifted(shift * unit)
-    left_out = shift / (shift + _HALF_STRESS)
-    less = SparseSymmetric(hessian.pattern, hessian.values - left_out * stress.values)
-    # Once no stress is left, the identity takes over.
-    return less.shifted(_DAMPING * shift * (1 + shift) ** 2 * unit)
+    part = shift / (shift + _HALF_CONVEX)
+    # What other terms may have of negative curvature is left to the identity, once nothing else helps.
+    damping = _DAMPING * shift * (1 + shift) ** 2 * unit
+    return SparseSymmetric(hessian.pattern, hessian.values + part * lift).shifted(damping)
 
 
 def _usable(factor: Factor) -> Bool[Array, ""]:
@@ -258,7 +275,8 @@ def _descend(
     regular: Bool[Array, ""],
     rtol: float,
 ) -> tuple[Point, Scalar, Bool[Array, ""]]:
-    """Halve the step until it is feasible and lowers the energy; then, near a minimum, correct it as long as that pays.
+    """Halve the step until it is feasible and lowers the energy, or double it while that lowers it further; then,
+    near a minimum, correct it as long as that pays.
 
     One loop does both, so that the energy is compiled once.
 
@@ -279,7 +297,8 @@ def _descend(
         lower = trial.value <= point.value + _ARMIJO * now.length * slope
         level = (jnp.abs(trial.value - point.value) <= noise) & (ratio <= 1) & ~leaving
         downwards = trial.value < now.point.value - noise
-        found = scene.feasible(now.point.y, y) & jnp.where(leaving, downwards, lower | level)
+        further = now.length > 1
+        found = scene.feasible(now.point.y, y) & jnp.where(leaving | further, downwards, lower | level)
         better = (trial.value <= now.point.value + noise) & (ratio < 1)
         accepted = finite & jnp.where(now.searching, found, better)
 
@@ -288,8 +307,9 @@ def _descend(
         left = jnp.log(size * ratio / target) / -jnp.log(ratio)
         pays = jnp.where(now.searching, near & (now.length == 1), (ratio < _CONTRACTION) & (left < _PATIENCE))
         correcting = accepted & pays & ~settled & (now.searching | (now.tries < _MAX_CORRECTIONS))
-        # Off a saddle the steps double for as long as it goes down.
-        away = leaving & (accepted | (now.point.value < point.value))
+        # Off a saddle, and where the model was made stiffer than the energy is, steps double while it goes down.
+        stiffer = ~regular & (further | (accepted & (now.length == 1)))
+        away = jnp.where(leaving, accepted | (now.point.value < point.value), stiffer)
         retrying = now.searching & jnp.where(away, accepted, ~accepted) & (now.tries < _MAX_HALVINGS)
         next_length = now.length * jnp.where(away, 2.0, 0.5)
         memory, ahead = jax.lax.cond(
