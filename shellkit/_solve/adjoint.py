@@ -80,7 +80,7 @@ def _solve(energy, y, force, motions, linear_solver) -> Float[Array, " n"]:
     factor = linear_solver.factorise(hessian if held is None else hold(hessian, held))
 
     def solve(_, rhs):
-        precondition = lambda residual: solve_held(linear_solver, factor, basis, held, residual)
+        precondition = lambda residual: solve_held(linear_solver, factor, basis, held, residual, checked=False)
         return _conjugate_gradients(hessian.mv, precondition, project_out(basis, rhs))
 
     return jax.lax.custom_linear_solve(product, force, solve, symmetric=True)

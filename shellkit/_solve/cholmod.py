@@ -51,7 +51,7 @@ class Cholmod(AbstractDirectSolver):
         factor = self.factorise(operator)
         return factor, self.solve(factor, rhs)
 
-    def solve(self, factor: Factor, rhs: Float[Array, "*k n"]) -> Float[Array, "*k n"]:
+    def solve(self, factor: Factor, rhs: Float[Array, "*k n"], checked: bool = True) -> Float[Array, "*k n"]:
         import sparsax
 
         check_rhs(factor, rhs)

@@ -64,8 +64,12 @@ class AbstractSparseSolver(lx.AbstractLinearSolver[Factor]):
         """Both at once, which some libraries do for less."""
 
     @abstractmethod
-    def solve(self, factor: Factor, rhs: Float[Array, "*k n"]) -> Float[Array, "*k n"]:
-        """Solves for one right-hand side of shape (n,), or for k of them of shape (k, n) in one call."""
+    def solve(self, factor: Factor, rhs: Float[Array, "*k n"], checked: bool = True) -> Float[Array, "*k n"]:
+        """Solves for one right-hand side of shape (n,), or for k of them of shape (k, n) in one call.
+
+        A caller that finds out by itself whether the solution is one, as iterations do, may leave `checked` out: where
+        a library can mistake the factor of another matrix for this one, that saves a product.
+        """
 
     def init(self, operator: lx.AbstractLinearOperator, options: dict[str, Any]) -> Factor:
         del options

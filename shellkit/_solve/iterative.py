@@ -74,7 +74,7 @@ class ConjugateGradients(AbstractSparseSolver):
         negative = jnp.where(end.negative, 1, factor.negative)
         return eqx.tree_at(lambda f: f.negative, factor, negative), end.solution
 
-    def solve(self, factor: Factor, rhs: Float[Array, "*k n"]) -> Float[Array, "*k n"]:
+    def solve(self, factor: Factor, rhs: Float[Array, "*k n"], checked: bool = True) -> Float[Array, "*k n"]:
         """Solves for one right-hand side or for several. Use `descend` to know whether and how far it converged."""
         check_rhs(factor, rhs)
         if rhs.ndim == 2:

@@ -149,7 +149,8 @@ class SparseNewton(optx.AbstractMinimiser):
         basis = None if scene.motions is None else orthonormal(scene.motions(y))
         held = None if basis is None else coordinates_to_hold(basis)
         factor, newton, shift, tries = self._factorise(state, hessian, convexification, basis, held, -gradient)
-        solve = lambda rhs: solve_held(self.linear_solver, factor, basis, held, rhs)
+        # A direction that is none shows in the energy.
+        solve = lambda rhs: solve_held(self.linear_solver, factor, basis, held, rhs, checked=False)
         direction = jax.lax.cond(
             state.leaving, lambda: scene.length * _negative_curvature(solve, gradient), lambda: newton
         )
@@ -203,8 +204,9 @@ class SparseNewton(optx.AbstractMinimiser):
                 matrix = _convexified(hessian, lift, next_shift, unit)
             matrix = matrix if held is None else hold(matrix, held)
             factor, solution = self.linear_solver.factorise_and_solve(matrix, rhs)
-            # Each try costs as much as a step that is too careful: they lie ever further apart.
-            higher = jnp.maximum(next_shift, _SMALLEST_SHIFT) * _SHIFT_GROWTH ** (tries + 1)
+            # A try costs as much as a step: they lie ever further apart, at first too, where the way is long.
+            stride = tries + jnp.where(state.factorisations == 0, 3, 1)
+            higher = jnp.maximum(next_shift, _SMALLEST_SHIFT) * _SHIFT_GROWTH**stride
             return factor, solution, higher, next_shift, tries + 1, lift
 
         unfit = lambda carry: (carry[4] == 0) | (~_usable(carry[0]) & (carry[4] < _MAX_SHIFTS))
@@ -245,12 +247,13 @@ def solve_held(
     basis: Float[Array, "n k"] | None,
     held: Int[Array, " k"] | None,
     rhs: Float[Array, " n"],
+    checked: bool = True,
 ) -> Float[Array, " n"]:
     """Apply the pseudo-inverse: solve with the coordinates `held`, off the motions in `basis`."""
     if basis is None:
-        return linear_solver.solve(factor, rhs)
+        return linear_solver.solve(factor, rhs, checked)
     rhs = project_out(basis, rhs).at[held].set(0.0)
-    return project_out(basis, linear_solver.solve(factor, rhs))
+    return project_out(basis, linear_solver.solve(factor, rhs, checked))
 
 
 class _Descent(eqx.Module):

@@ -29,6 +29,7 @@ _DEFAULTS = {
     1: 2,  # nested dissection by METIS
     7: 0,  # no iterative refinement
     9: 13,  # pivots below 1e-13 of the matrix are replaced, and counted
+    23: 1,  # two-level scheduling, for several threads
     20: 0,  # pivots are single: a third faster than in pairs, and definite matrices need no more
 }
 # A factor of the right matrix leaves a residual of a few roundings; one of another matrix does not.
@@ -42,7 +43,7 @@ class Pardiso(AbstractDirectSolver):
     rounding is counted, and the factor not `ok`. `Pardiso({20: 1})` pivots as Bunch and Kaufman do, for indefinite
     matrices.
 
-    It runs on one thread. On an idle machine and beyond some 10,000 vertices more are faster: set `MKL_NUM_THREADS`
+    It runs on one thread. On a machine of your own two are nearly twice as fast: set `MKL_NUM_THREADS`
     in the
     environment.
 
@@ -79,10 +80,11 @@ class Pardiso(AbstractDirectSolver):
         solvable = jnp.all(jnp.isfinite(solution)) | ~jnp.all(jnp.isfinite(rhs))
         return Factor(pattern, values, key, negative, finite & solvable & (iparm[_PERTURBED] == 0)), solution
 
-    def solve(self, factor: Factor, rhs: Float[Array, "*k n"]) -> Float[Array, "*k n"]:
+    def solve(self, factor: Factor, rhs: Float[Array, "*k n"], checked: bool = True) -> Float[Array, "*k n"]:
         check_rhs(factor, rhs)
         stacked = jnp.atleast_2d(jax.lax.stop_gradient(rhs))
-        return _solve(self.options)(factor.token, factor.pattern, factor.values, stacked).reshape(rhs.shape)
+        solve = _solve(self.options, checked)
+        return solve(factor.token, factor.pattern, factor.values, stacked).reshape(rhs.shape)
 
 
 _THREAD_VARIABLES = ("MKL_NUM_THREADS", "MKL_DOMAIN_NUM_THREADS", "OMP_NUM_THREADS")
@@ -132,7 +134,7 @@ def _factorise(options):
 
 
 @functools.cache
-def _solve(options):
+def _solve(options, checked: bool):
     @jax.custom_batching.sequential_vmap
     def each(key, pattern, values, rhs):
         solution, _ = _call("solve_stateful", options, key, pattern, values, rhs)
@@ -150,7 +152,9 @@ def _solve(options):
 
     @jax.custom_batching.custom_vmap
     def solve(key, pattern, values, rhs):
-        return each(key, pattern, values, rhs)
+        if checked:
+            return each(key, pattern, values, rhs)
+        return _call("solve_stateful", options, key, pattern, values, rhs)[0]
 
     @solve.def_vmap
     def _(axis_size, batched, key, pattern, values, rhs):
@@ -158,6 +162,7 @@ def _solve(options):
         if not any(jax.tree_util.tree_leaves(matrix_batched)):
             stacked = solve(key, pattern, values, rhs.reshape(-1, rhs.shape[-1]))
             return stacked.reshape(rhs.shape), rhs_batched
+        # Of the matrices of a batch the last one's factor is left: the others are checked in any case.
         axes = jax.tree_util.tree_map(lambda is_batched: 0 if is_batched else None, tuple(batched))
         return jax.vmap(each, in_axes=axes, axis_size=axis_size)(key, pattern, values, rhs), True
 

@@ -57,7 +57,7 @@ class SuperLU(AbstractDirectSolver):
         factor = self.factorise(operator)
         return factor, self.solve(factor, rhs)
 
-    def solve(self, factor: Factor, rhs: Float[Array, "*k n"]) -> Float[Array, "*k n"]:
+    def solve(self, factor: Factor, rhs: Float[Array, "*k n"], checked: bool = True) -> Float[Array, "*k n"]:
         check_rhs(factor, rhs)
         pattern = factor.pattern
         return jax.pure_callback(
