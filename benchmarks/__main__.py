@@ -9,7 +9,7 @@ from . import report
 from .case import run
 
 
-NAMES = ("design_step", "relaxation", "scaling", "gradient_cost", "energy_kernel", "training")
+NAMES = ("design_step", "relaxation", "scaling", "gradient_cost", "energy_kernel", "training", "platforms")
 
 
 def _options() -> argparse.Namespace:

@@ -31,6 +31,7 @@ class Case:
     threads: int | None = None  # None: what the command line says
     needs_gb: float = 1.0
     limit_s: float = 900.0
+    platform: str = "cpu"  # what JAX calls it
 
 
 def run(case: Case, threads: int, peer_python: str | None) -> Row:
@@ -40,11 +41,14 @@ def run(case: Case, threads: int, peer_python: str | None) -> Row:
         "label": case.label,
         "case": case.arguments,
         "threads": case.threads or threads,
+        "platform": case.platform,
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "load": round(os.getloadavg()[0], 2),
     }
     if case.of_peer and peer_python is None:
         return row | {"skipped": "no interpreter with triangulax was named: use --peer-python"}
+    if case.platform == "cuda" and not Path("/dev/nvidia0").exists():
+        return row | {"skipped": "there is no GPU here"}
     free = _available_gb()
     if free < case.needs_gb:
         return row | {"skipped": f"needs about {case.needs_gb:.0f} GB of memory, and {free:.0f} GB are free"}
@@ -61,7 +65,7 @@ def _call(python: str, case: Case, arguments: dict[str, Any], threads: int) -> R
         request, answer = Path(folder, "request.json"), Path(folder, "answer.json")
         request.write_text(json.dumps({"worker": case.worker, "arguments": arguments, "threads": threads}))
         settings = {
-            "JAX_PLATFORMS": "cpu",
+            "JAX_PLATFORMS": "cpu" if case.platform == "cpu" else f"{case.platform},cpu",
             "JAX_ENABLE_X64": "1",
             "JAX_TRACEBACK_FILTERING": "off",  # the last line is then the error
             "OMP_NUM_THREADS": str(threads),

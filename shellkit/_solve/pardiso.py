@@ -43,8 +43,7 @@ class Pardiso(AbstractDirectSolver):
     rounding is counted, and the factor not `ok`. `Pardiso({20: 1})` pivots as Bunch and Kaufman do, for indefinite
     matrices.
 
-    It runs on one thread. On a machine of your own two are nearly twice as fast: set `MKL_NUM_THREADS`
-    in the
+    It runs on one thread. On a machine of your own two are nearly twice as fast: set `MKL_NUM_THREADS` in the
     environment.
 
     ??? cite "Reference"
