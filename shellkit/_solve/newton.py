@@ -310,8 +310,9 @@ def _descend(
         left = jnp.log(size * ratio / target) / -jnp.log(ratio)
         pays = jnp.where(now.searching, near & (now.length == 1), (ratio < _CONTRACTION) & (left < _PATIENCE))
         correcting = accepted & pays & ~settled & (now.searching | (now.tries < _MAX_CORRECTIONS))
-        # Off a saddle, and where the model was made stiffer than the energy is, steps double while it goes down.
-        stiffer = ~regular & (further | (accepted & (now.length == 1)))
+        # Off a saddle steps double while it goes down; so do short ones where the model is stiffer than the energy.
+        short = now.length * jnp.max(jnp.abs(now.direction)) < 0.5 * scene.length
+        stiffer = ~regular & (further | (accepted & (now.length == 1) & short))
         away = jnp.where(leaving, accepted | (now.point.value < point.value), stiffer)
         retrying = now.searching & jnp.where(away, accepted, ~accepted) & (now.tries < _MAX_HALVINGS)
         next_length = now.length * jnp.where(away, 2.0, 0.5)
