@@ -200,7 +200,7 @@ class SparseNewton(optx.AbstractMinimiser):
             else:
                 # Worked out at the first shift of this step.
                 first = (next_shift > 0) & ((tries == 0) | (last_shift == 0))
-                lift = jax.lax.cond(first, lambda: convexification().values, lambda: lift)
+                lift = jax.lax.cond(first, lambda make: make().values, lambda _: lift, convexification)
                 matrix = _convexified(hessian, lift, next_shift, unit)
             matrix = matrix if held is None else hold(matrix, held)
             factor, solution = self.linear_solver.factorise_and_solve(matrix, rhs)
