@@ -85,7 +85,7 @@ def _run(name: str, arguments: str, out: Path) -> dict[str, Any]:
 def _small(path: Path, place: Path) -> dict[str, Any]:
     """Writes a picture or a film as webp, no wider than a page, and narrower still if it is large."""
     image = Image.open(path)
-    width, every = min(WIDEST, image.width), 1
+    width, every = min(800 if "history" in path.stem else WIDEST, image.width), 1
     while True:
         size = (width, round(image.height * width / image.width))
         frames = [frame.convert("RGB") for frame in ImageSequence.Iterator(image)][::every]
@@ -115,7 +115,7 @@ def _section(name: str, runs: list[dict[str, Any]]) -> str:
 
 def _picture(title: str, picture: dict[str, Any]) -> str:
     what = picture["file"].rpartition(".")[0].partition(".")[2].replace("_", " ")
-    width = picture["width"] if picture["width"] > 800 else min(picture["width"], 440)
+    width = picture["width"] if picture["width"] > 800 else min(picture["width"], 480)
     return f'![{title}: {what}](assets/gallery/{picture["file"]}){{ width="{width}" loading="lazy" }}'
 
 

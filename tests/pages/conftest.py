@@ -6,6 +6,7 @@ import http.server
 import itertools
 import json
 import os
+import select
 import shutil
 import subprocess
 import sys
@@ -18,6 +19,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 FLAGS = "--headless --no-sandbox --disable-gpu --no-first-run --disable-background-networking --disable-sync "
 FLAGS += "--disable-component-update --disable-extensions --remote-debugging-pipe --window-size=1300,1000"
+PATIENCE = 300  # seconds, for a browser that shares its machine with other tests
 # Chromium reads from descriptor 3 and writes to 4.
 LAUNCH = """import fcntl, os, sys
 ends = [fcntl.fcntl(int(end), fcntl.F_DUPFD, 10) for end in sys.argv[1:3]]
@@ -92,6 +94,7 @@ class Browser:
 
     def _receive(self) -> dict:
         while b"\0" not in self._buffer:
+            assert select.select([self._in], [], [], PATIENCE)[0], "the browser does not answer"
             part = os.read(self._in, 1 << 16)
             assert part, "the browser is gone"
             self._buffer += part
