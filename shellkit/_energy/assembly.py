@@ -17,7 +17,7 @@ from .._solve.operator import SparseSymmetric
 from .._solve.pattern import SymmetricPattern
 from .._supports.base import Supports
 from .base import AbstractEnergy, EnergyTerm, FormEnergy
-from .convexity import FaceHessians
+from .convexity import Blocks, FaceHessians
 from .frames import Frames
 
 
@@ -37,7 +37,7 @@ class Assembly(eqx.Module):
     pattern: SymmetricPattern
     stencils: tuple[Int[Array, "_ _"], ...]
     face_unknowns: Int[Array, "m F"] | None
-    face_entries: Int[Array, "F m m"] | None
+    face_entries: tuple[Int[Array, "..."], ...]  # of the `Blocks` of faces that there are
     corner_entries: Int[Array, "6 3 3 F"] | None
     element_entries: tuple[Int[Array, "_ _ 3 _ 3"] | None, ...]  # None for a term that is linear
     director_length: Scalar | None  # what one radian counts as; None without free directors
@@ -84,11 +84,11 @@ class Assembly(eqx.Module):
             listed[(3 * turned[0][:, None] + np.arange(3)).reshape(-1)] = False
         pattern, entries = _entries(groups, listed, mesh.n_vertices)
         frames = None
-        face_entries = corner_entries = None
+        face_entries, corner_entries = (), None
         if face_nodes is not None:
-            face_entries = entries.pop(0)
-            corner_entries = jnp.asarray(_corner_entries(face_entries, pattern.nnz))
-            face_entries = jnp.asarray(face_entries)
+            of_faces = entries.pop(0)
+            corner_entries = jnp.asarray(_corner_entries(of_faces, pattern.nnz))
+            face_entries = tuple(jnp.asarray(block) for block in _face_entries(of_faces, pattern.nnz))
         by_term = iter(entries)
         element_entries = tuple(
             None if term.linear else jnp.asarray(next(by_term).reshape(len(s), s.shape[1], 3, s.shape[1], 3))
@@ -188,7 +188,7 @@ class Assembly(eqx.Module):
         if faces is not None:
             # The smaller part first: XLA then adds the larger one in place.
             values = values.at[self.corner_entries].add(faces.geometric, mode="drop")
-            values = values.at[self.face_entries].add(faces.stiffness(), mode="drop")
+            values = self._add_blocks(values, faces.stiffness())
         for entries, hessian in zip(self.element_entries, elements, strict=True):
             if entries is not None and hessian is not None:
                 values = values.at[entries].add(hessian, mode="drop")
@@ -197,7 +197,12 @@ class Assembly(eqx.Module):
     def lift(self, faces: FaceHessians) -> SparseSymmetric:
         """What to add to the Hessian so that faces have no negative curvature in it."""
         values = self._blank().at[self.corner_entries].add(-faces.geometric, mode="drop")
-        return self._operator(values.at[self.face_entries].add(faces.lift(), mode="drop"))
+        return self._operator(self._add_blocks(values, faces.lift()))
+
+    def _add_blocks(self, values: Float[Array, " nnz"], blocks: Blocks) -> Float[Array, " nnz"]:
+        for entries, block in zip(self.face_entries, blocks, strict=False):
+            values = values.at[entries].add(block, mode="drop")
+        return values
 
     def _blank(self) -> Float[Array, " nnz"]:
         return jnp.zeros(self.pattern.nnz if self.frames is None else self.frames.n_entries)
@@ -284,6 +289,20 @@ def _entries(groups: list[np.ndarray], held: np.ndarray, n_vertices: int) -> tup
                 entry[:, start[p] : start[p + 1], start[q] : start[q + 1]] = patch
         entries.append(entry)
     return pattern, entries
+
+
+def _face_entries(entries: np.ndarray, dropped: int) -> list[np.ndarray]:
+    """The non-zeros of the blocks of a face, index-last, from those of all pairs of its unknowns."""
+    m = entries.shape[1]
+    index_last = lambda block: np.ascontiguousarray(np.moveaxis(block, 0, -1))
+    blocks = [index_last(entries[:, :9, :9])]
+    if m > 9:
+        # What a hinge alone moves with: the coordinates of the vertex beyond, and its director where it has one.
+        own = np.stack([np.r_[9 + 3 * k : 12 + 3 * k, 18 + k : min(m, 19 + k)] for k in range(3)])
+        below, above = entries[:, own, :9], np.moveaxis(entries[:, :9][:, :, own], 1, -1)
+        blocks.append(index_last(np.where(below < dropped, below, above)))
+        blocks.append(index_last(entries[:, own][:, :, :, own]))
+    return blocks
 
 
 def _corner_entries(face_entries: np.ndarray, dropped: int) -> np.ndarray:

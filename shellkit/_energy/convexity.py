@@ -10,26 +10,52 @@ from jaxtyping import Array, Float
 _SMALLEST_PIVOT = 1e-3  # relative to the largest entry
 
 
+Blocks = tuple[Float[Array, "9 9 F"], Float[Array, "3 w 9 F"] | None, Float[Array, "3 w 3 w F"] | None]
+"""A symmetric matrix a face: between the coordinates of its corners, between the unknowns of each hinge and those, and
+between the unknowns of hinges."""
+
+
 class FaceHessians(eqx.Module):
     """Second derivatives of the energy on faces, in two parts.
 
-    In the face's own k intrinsic numbers there is a small Hessian, which `rows`, the derivatives of the numbers in the
-    m unknowns, carry over to the unknowns. The other part is stress times the second derivatives of the numbers; it is
-    given by pairs of corners, gathered from both faces of a hinge, so that its sum is exact and single elements are
-    not.
+    In the face's own k intrinsic numbers there is a small Hessian, which the derivatives of the numbers carry over to
+    the unknowns. The other part is stress times the second derivatives of the numbers; it is given by pairs of corners,
+    gathered from both faces of a hinge, so that its sum is exact and single elements are not.
     """
 
-    rows: Float[Array, "F k m"]
+    corners: Float[Array, "k 9 F"]  # derivatives of the numbers in the coordinates of the corners
+    hinges: Float[Array, "3 w F"] | None  # of each hinge in what it alone moves with: the vertex beyond, the director
     intrinsic: Float[Array, "k k F"]
     geometric: Float[Array, "6 3 3 F"]
 
-    def stiffness(self) -> Float[Array, "F m m"]:
+    def stiffness(self) -> Blocks:
         """The first part, in the unknowns."""
-        return _contract(self.rows, _contract(jnp.transpose(self.intrinsic, (2, 0, 1)), self.rows))
+        return self._in_unknowns(self.intrinsic)
 
-    def lift(self) -> Float[Array, "F m m"]:
+    def lift(self) -> Blocks:
         """What, added to the first part, makes it positive definite but for motions that change none of the numbers."""
-        return _contract(self.rows, convexifying_diagonal(self.intrinsic).T[:, :, None] * self.rows)
+        diagonal = convexifying_diagonal(self.intrinsic)
+        return self._in_unknowns(jnp.eye(len(diagonal))[:, :, None] * diagonal)
+
+    def _in_unknowns(self, matrix: Float[Array, "k k F"]) -> Blocks:
+        k = len(matrix)
+        # Sums are spelled out over the numbers, and stay elementwise over faces; as products of small matrices they
+        # took twice as long.
+        carried = jnp.stack(
+            [
+                sum((matrix[a, b] * self.corners[b] for b in range(1, k)), matrix[a, 0] * self.corners[0])
+                for a in range(k)
+            ]
+        )
+        # Kept in memory, or XLA computes it again for each row.
+        carried = jax.lax.optimization_barrier(carried)
+        among_corners = sum(
+            (self.corners[a][:, None] * carried[a] for a in range(1, k)), self.corners[0][:, None] * carried[0]
+        )
+        if self.hinges is None:
+            return among_corners, None, None
+        among_hinges = self.hinges[:, :, None, None] * matrix[3:, None, 3:, None] * self.hinges
+        return among_corners, self.hinges[:, :, None] * carried[3:, None], among_hinges
 
 
 def convexifying_diagonal(hessian: Float[Array, "k k F"]) -> Float[Array, "k F"]:
@@ -60,9 +86,3 @@ def convexifying_diagonal(hessian: Float[Array, "k k F"]) -> Float[Array, "k F"]
             for m in range(j, k):
                 rest[j, m] = rest[j, m] - rest[i, j] * rest[i, m] / pivot
     return jnp.stack(added)
-
-
-def _contract(a: Float[Array, "F k m"], b: Float[Array, "F k n"]) -> Float[Array, "F m n"]:
-    """a^T b, face by face. As a batched product it also keeps XLA from recomputing its operands for each of its
-    outputs."""
-    return jax.lax.dot_general(a, b, (((1,), (1,)), ((0,), (0,))))

@@ -109,28 +109,25 @@ class FaceEnergies(eqx.Module):
         value, stress, intrinsic = _second_derivatives(self._value_and_stress, numbers)
         # What several of the sums below use is kept in memory, or XLA computes it again for each.
         triangles, hinges, stress, intrinsic = jax.lax.optimization_barrier((triangles, hinges, stress, intrinsic))
-        rows = [[2.0 * SIGN[i, p] * triangles.edges[i] for p in range(3)] for i in range(3)]
+        corners = [jnp.concatenate([2.0 * SIGN[i, p] * triangles.edges[i] for p in range(3)]) for i in range(3)]
         geometric = length_curvature(stress[:3])
-        gradients = None
+        gradients = own = None
         if hinges is not None:
-            zero = jnp.zeros_like(triangles.area_normal)
             gradients = HingeGradients(triangles, hinges)
             on_corners, on_far = gradients.rows()
-            rows = [[*row, zero, zero, zero] for row in rows]
             share = hinges.near_part(jnp.ones_like(hinges.angles))
-            for i in range(3):
-                far = [0.5 * on_far[i] if k == i else zero for k in range(3)]
-                rows.append([share[i] * gradient for gradient in on_corners[i]] + far)
+            corners += [share[i] * jnp.concatenate(on_corners[i]) for i in range(3)]
+            own = [0.5 * on_far[i] for i in range(3)]
+            if self.director_length is not None:
+                signs = director_signs(self.mesh) / self.director_length
+                own = [jnp.concatenate([own[i], signs[i][None]]) for i in range(3)]
+            own = jnp.stack(own)
             hinge_stress = hinges.near_part(stress[3:])
             beyond = hinge_stress.T.reshape(-1)[jnp.maximum(self.mesh.twins.T, 0)]
             hinge_stress = hinges.hinged * hinge_stress + hinges.beyond * beyond
             geometric = geometric + hinge_curvature(triangles, hinge_stress)
-        if self.director_length is not None:
-            signs, none = director_signs(self.mesh) / self.director_length, jnp.zeros_like(triangles.twice_area)[None]
-            rows = [row + [signs[k][None] if i == 3 + k else none for k in range(3)] for i, row in enumerate(rows)]
-        rows = jnp.transpose(jnp.stack([jnp.concatenate(row) for row in rows]), (2, 0, 1))
         pulled = self._pull_back(triangles, hinges, gradients, stress)
-        return jnp.sum(value), pulled, FaceHessians(rows, intrinsic, geometric)
+        return jnp.sum(value), pulled, FaceHessians(jnp.stack(corners), own, intrinsic, geometric)
 
 
 def _second_derivatives(
