@@ -68,7 +68,6 @@ def _call(python: str, case: Case, arguments: dict[str, Any], threads: int) -> R
             "JAX_PLATFORMS": "cpu" if case.platform == "cpu" else f"{case.platform},cpu",
             "JAX_ENABLE_X64": "1",
             "JAX_TRACEBACK_FILTERING": "off",  # the last line is then the error
-            "OMP_NUM_THREADS": str(threads),
         }
         try:
             finished = subprocess.run(

@@ -37,8 +37,8 @@ class Assembly(eqx.Module):
     pattern: SymmetricPattern
     stencils: tuple[Int[Array, "_ _"], ...]
     face_unknowns: Int[Array, "m F"] | None
-    face_entries: tuple[Int[Array, "..."], ...]  # of the `Blocks` of faces that there are
-    corner_entries: Int[Array, "6 3 3 F"] | None
+    face_numbers: Int[Array, " t"] | None  # which of the numbers in the blocks of faces, one after the other, are added
+    face_entries: Int[Array, " t"] | None  # and to which non-zero
     element_entries: tuple[Int[Array, "_ _ 3 _ 3"] | None, ...]  # None for a term that is linear
     director_length: Scalar | None  # what one radian counts as; None without free directors
     n_vertices: int = eqx.field(static=True)
@@ -84,11 +84,12 @@ class Assembly(eqx.Module):
             listed[(3 * turned[0][:, None] + np.arange(3)).reshape(-1)] = False
         pattern, entries = _entries(groups, listed, mesh.n_vertices)
         frames = None
-        face_entries, corner_entries = (), None
+        face_numbers = face_entries = None
         if face_nodes is not None:
-            of_faces = entries.pop(0)
-            corner_entries = jnp.asarray(_corner_entries(of_faces, pattern.nnz))
-            face_entries = tuple(jnp.asarray(block) for block in _face_entries(of_faces, pattern.nnz))
+            blocks = _face_entries(entries.pop(0), pattern.nnz)
+            targets = np.concatenate([block.reshape(-1) for block in blocks])
+            face_numbers = np.flatnonzero(targets < pattern.nnz).astype(np.int32)
+            face_numbers, face_entries = jnp.asarray(face_numbers), jnp.asarray(targets[face_numbers])
         by_term = iter(entries)
         element_entries = tuple(
             None if term.linear else jnp.asarray(next(by_term).reshape(len(s), s.shape[1], 3, s.shape[1], 3))
@@ -102,8 +103,8 @@ class Assembly(eqx.Module):
             pattern=pattern,
             stencils=tuple(jnp.asarray(stencil.astype(np.int32)) for stencil in stencils),
             face_unknowns=None if face_nodes is None else jnp.asarray(_unknowns(face_nodes, mesh.n_vertices)),
+            face_numbers=face_numbers,
             face_entries=face_entries,
-            corner_entries=corner_entries,
             element_entries=element_entries,
             director_length=jax.lax.stop_gradient(jnp.mean(edge_lengths(mesh.vertices, mesh))) if directors else None,
             n_vertices=mesh.n_vertices,
@@ -184,11 +185,7 @@ class Assembly(eqx.Module):
         self, faces: FaceHessians | None, elements: tuple[Float[Array, "_ _ 3 _ 3"] | None, ...]
     ) -> SparseSymmetric:
         """Add up the Hessians of elements over the free unknowns, `None` for those of a linear term."""
-        values = self._blank()
-        if faces is not None:
-            # The smaller part first: XLA then adds the larger one in place.
-            values = values.at[self.corner_entries].add(faces.geometric, mode="drop")
-            values = self._add_blocks(values, faces.stiffness())
+        values = self._blank() if faces is None else self._of_faces(faces.geometric, faces.stiffness())
         for entries, hessian in zip(self.element_entries, elements, strict=True):
             if entries is not None and hessian is not None:
                 values = values.at[entries].add(hessian, mode="drop")
@@ -196,13 +193,12 @@ class Assembly(eqx.Module):
 
     def lift(self, faces: FaceHessians) -> SparseSymmetric:
         """What to add to the Hessian so that faces have no negative curvature in it."""
-        values = self._blank().at[self.corner_entries].add(-faces.geometric, mode="drop")
-        return self._operator(self._add_blocks(values, faces.lift()))
+        return self._operator(self._of_faces(-faces.geometric, faces.lift()))
 
-    def _add_blocks(self, values: Float[Array, " nnz"], blocks: Blocks) -> Float[Array, " nnz"]:
-        for entries, block in zip(self.face_entries, blocks, strict=False):
-            values = values.at[entries].add(block, mode="drop")
-        return values
+    def _of_faces(self, geometric: Float[Array, "6 3 3 F"], blocks: Blocks) -> Float[Array, " nnz"]:
+        # The half below the diagonal is left out before it is added: adding is what takes the time.
+        numbers = jnp.concatenate([block.reshape(-1) for block in (geometric, *blocks) if block is not None])
+        return self._blank().at[self.face_entries].add(numbers[self.face_numbers])
 
     def _blank(self) -> Float[Array, " nnz"]:
         return jnp.zeros(self.pattern.nnz if self.frames is None else self.frames.n_entries)
@@ -292,29 +288,24 @@ def _entries(groups: list[np.ndarray], held: np.ndarray, n_vertices: int) -> tup
 
 
 def _face_entries(entries: np.ndarray, dropped: int) -> list[np.ndarray]:
-    """The non-zeros of the blocks of a face, index-last, from those of all pairs of its unknowns."""
+    """The non-zeros of the geometric part of a face's Hessian and of its blocks, index-last, from those of all pairs of
+    its unknowns."""
     m = entries.shape[1]
     index_last = lambda block: np.ascontiguousarray(np.moveaxis(block, 0, -1))
-    blocks = [index_last(entries[:, :9, :9])]
+    either = lambda block, mirrored: np.where(block < dropped, block, mirrored)
+    corners = entries[:, :9, :9]
+    symmetric = either(corners, np.swapaxes(corners, 1, 2)).reshape(-1, 3, 3, 3, 3)
+    geometric = np.stack([symmetric[:, p, :, q, :] for p, q in CORNER_PAIRS], axis=1)
+    for k, (p, q) in enumerate(CORNER_PAIRS):
+        if p == q:
+            geometric[:, k, *np.tril_indices(3, -1)] = dropped
+    blocks = [index_last(geometric), index_last(corners)]
     if m > 9:
         # What a hinge alone moves with: the coordinates of the vertex beyond, and its director where it has one.
         own = np.stack([np.r_[9 + 3 * k : 12 + 3 * k, 18 + k : min(m, 19 + k)] for k in range(3)])
-        below, above = entries[:, own, :9], np.moveaxis(entries[:, :9][:, :, own], 1, -1)
-        blocks.append(index_last(np.where(below < dropped, below, above)))
+        blocks.append(index_last(either(entries[:, own, :9], np.moveaxis(entries[:, :9][:, :, own], 1, -1))))
         blocks.append(index_last(entries[:, own][:, :, :, own]))
     return blocks
-
-
-def _corner_entries(face_entries: np.ndarray, dropped: int) -> np.ndarray:
-    """The non-zeros of the blocks over `CORNER_PAIRS`, index-last; the mirror image where the block lies below the
-    diagonal."""
-    corners = face_entries[:, :9, :9]
-    upper = np.where(corners < dropped, corners, np.swapaxes(corners, 1, 2)).reshape(-1, 3, 3, 3, 3)
-    blocks = np.stack([upper[:, p, :, q, :] for p, q in CORNER_PAIRS])
-    for k, (p, q) in enumerate(CORNER_PAIRS):
-        if p == q:
-            blocks[k, :, np.tril_indices(3, -1)[0], np.tril_indices(3, -1)[1]] = dropped
-    return np.ascontiguousarray(np.moveaxis(blocks, 1, -1))
 
 
 def _node_pairs(nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
