@@ -7,8 +7,11 @@ from jaxtyping import Array, ArrayLike, Float
 
 from ._geometry.closest import closest_points, interpolate
 from ._geometry.directors import directors
-from ._geometry.surface import face_areas, face_frames
+from ._geometry.surface import face_areas, face_frames, vertex_normals
 from ._mesh.mesh import Mesh
+
+
+_FLAT = 1e-6  # of the spread of the faces around a vertex: slopes told by less are taken as zero
 
 
 def transfer_directors(
@@ -29,8 +32,9 @@ def transfer_directors(
     - `angles`: one a face of the source, shape `(F_source,)`, radians from its first edge; see
         [`shellkit.director_angles`][].
     - `target`: the mesh to carry them to.
-    - `smooth`: whether $Q$ is averaged onto the vertices and interpolated. This rounds the steps between coarse faces,
-        and blurs defects over one of them; without it, each new face takes the director of the nearest one.
+    - `smooth`: whether $Q$ is brought onto the vertices and interpolated, which is of second order in the size of the
+        faces. This rounds the steps between coarse faces, and blurs defects over one of them; without it, each new face
+        takes the director of the nearest one.
 
     **Returns:**
 
@@ -62,8 +66,10 @@ def transfer_face_values(
     - `source`: the mesh that the values are on.
     - `values`: one row a face of the source, shape `(F_source, ...)`.
     - `target`: the mesh to carry them to.
-    - `smooth`: whether the values are averaged onto the vertices, by area, and interpolated at the point nearest to the
-        centroid of each new face; if not, the value of the nearest face is taken.
+    - `smooth`: whether the values are brought onto the vertices, each by the linear function that fits the faces around
+        it best, and interpolated at the point nearest to the centroid of each new face. This is of second order in the
+        size of the faces, and can leave the range of the values by as much. If not, the value of the nearest face is
+        taken.
 
     **Returns:**
 
@@ -83,11 +89,33 @@ def transfer_face_values(
     closest = closest_points(centroids, source.vertices, source.faces)
     if not smooth:
         return values[closest.faces]
-    areas = face_areas(source.vertices, source)
-    rows = values.reshape(source.n_faces, -1)
-    sums = jnp.zeros((source.n_vertices, rows.shape[1] + 1), rows.dtype)
-    weighted = areas[:, None] * jnp.column_stack([rows, jnp.ones(source.n_faces)])
-    for corner in range(3):
-        sums = sums.at[source.faces[:, corner]].add(weighted)
-    on_vertices = sums[:, :-1] / sums[:, -1:]
+    on_vertices = _on_vertices(source, values.reshape(source.n_faces, -1))
     return interpolate(on_vertices, source.faces, closest.faces, closest.weights).reshape(-1, *values.shape[1:])
+
+
+def _on_vertices(mesh: Mesh, rows: Float[Array, "F k"]) -> Float[Array, "V k"]:
+    """Values at the vertices of the linear functions that fit those at the centroids around, weighted by area.
+
+    An average by area alone is of first order: the centroids around a vertex of an uneven mesh do not have their mean
+    there.
+    """
+    areas, faces = face_areas(mesh.vertices, mesh), mesh.faces
+    normals = vertex_normals(mesh.vertices, mesh)
+    # Where the centroids lie, seen from each corner, in its tangent plane; index-last in the corners.
+    arms = jnp.mean(mesh.vertices[faces], axis=1)[:, None] - mesh.vertices[faces]
+    normals_here = normals[faces]
+    arms = arms - jnp.sum(arms * normals_here, axis=2, keepdims=True) * normals_here
+
+    def gather(per_corner: Array) -> Array:
+        weighted = areas[:, None, *([None] * (per_corner.ndim - 2))] * per_corner
+        return jnp.zeros((mesh.n_vertices, *per_corner.shape[2:]), per_corner.dtype).at[faces].add(weighted)
+
+    second = gather(arms[..., :, None] * arms[..., None, :])
+    size = jnp.trace(second, axis1=1, axis2=2)[:, None, None]
+    size = jnp.where(size > 0, size, 1.0)
+    # Across the tangent plane, and in it where too few faces are there to tell a slope, the function is constant.
+    across = normals[:, :, None] * normals[:, None, :]
+    lean = jnp.linalg.solve(second + size * (across + _FLAT * jnp.eye(3)), gather(arms)[..., None])[..., 0]
+    shares = 1 - jnp.sum(arms * lean[faces], axis=2)
+    totals = gather(shares)
+    return gather(shares[..., None] * rows[:, None, :]) / totals[:, None]

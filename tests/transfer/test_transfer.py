@@ -34,17 +34,42 @@ def test_a_head_is_as_good_as_a_tail():
     assert apart(sk.transfer_directors(mesh, angles, other), sk.transfer_directors(mesh, turned, other)).max() < 1e-12
 
 
-def test_smooth_transfer_converges():
-    """To the meridians of a sphere, away from the poles, where they are undefined: of first order, as triangles of
-    unequal size are averaged."""
+def uneven_sphere(size):
+    """A unit sphere whose triangles are of unequal size."""
+    mesh = sk.meshes.sphere(size)
+    moved = mesh.vertices + 0.15 * size * np.random.default_rng(0).normal(size=mesh.vertices.shape)
+    return mesh.with_vertices(moved / jnp.linalg.norm(moved, axis=1, keepdims=True))
+
+
+def meridians(mesh):
+    """The angles of the direction to the pole, of the sphere itself, at the centroids."""
+    outward = np.asarray(mesh.vertices)[np.asarray(mesh.faces)].mean(axis=1)
+    outward = outward / np.linalg.norm(outward, axis=1, keepdims=True)
+    return sk.director_angles(mesh, AXIS - outward * outward[:, 2:]), np.abs(outward[:, 2]) < 0.8
+
+
+def test_smooth_transfer_is_of_second_order():
+    """To the meridians of a sphere, off the poles, where they are undefined; on meshes that share nothing."""
     target = sk.meshes.sphere(0.2)
-    off_pole = np.abs(np.asarray(target.vertices)[np.asarray(target.faces)].mean(axis=1)[:, 2]) < 0.8
+    exact, off_pole = meridians(target)
     errors = []
-    for subdivisions in (2, 3):
-        mesh = sk.meshes.icosphere(subdivisions)
-        found = sk.transfer_directors(mesh, sk.director_angles(mesh, AXIS), target)
-        errors.append(apart(found, sk.director_angles(target, AXIS))[off_pole].mean())
-    assert errors[1] < 0.6 * errors[0] and errors[1] < np.deg2rad(1)
+    for size in (0.2, 0.1):
+        mesh = uneven_sphere(size)
+        errors.append(apart(sk.transfer_directors(mesh, meridians(mesh)[0], target), exact)[off_pole].max())
+    assert np.log2(errors[0] / errors[1]) > 1.8 and errors[1] < np.deg2rad(0.5)
+
+
+def test_linear_values_are_carried_exactly_in_the_plane():
+    """Where the target's centroids lie in the source, up to its corners, which have but a face or two."""
+    source = sk.meshes.rectangle(2.0, 1.0, cells=(5, 3))
+    moved = np.asarray(source.vertices) + 0.02 * np.random.default_rng(0).normal(size=source.vertices.shape) * [1, 1, 0]
+    inside = ~np.asarray(source.boundary_vertices)
+    source = source.with_vertices(jnp.asarray(np.where(inside[:, None], moved, source.vertices)))
+    target = sk.meshes.rectangle(1.0, 0.5, cells=(7, 5))
+    target = target.with_vertices(target.vertices + source.vertices.mean(axis=0) - target.vertices.mean(axis=0))
+    linear = lambda mesh: mesh.vertices[mesh.faces].mean(axis=1) @ jnp.array([1.0, -2.0, 0.0])
+    found = sk.transfer_face_values(source, linear(source), target)
+    np.testing.assert_allclose(found, linear(target), atol=1e-5)
 
 
 def test_values_are_carried_linearly_and_constants_exactly():
