@@ -41,6 +41,7 @@ LAYERS = [
     {"_fit_squares"},
     {"_fit_loop"},
     {"_fit"},
+    {"_fit_together"},
     {"_fit_many"},
     {"_plot", "_fabrication"},
 ]

@@ -7,12 +7,14 @@ import time
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import optax
 import optimistix as optx
 import pytest
 
+import shellkit as sk
 from shellkit._fit import fit
 from shellkit._fit_many import fit_many
 
@@ -23,6 +25,7 @@ from starts import Well, well
 
 
 SGD = optax.sgd(0.05)
+STEEP = optax.sgd(0.25)
 KEYS = [0, 1, 2, 4, 5, 6]
 trained = lambda p: p.actuation
 
@@ -52,6 +55,84 @@ def test_a_failure_stays_alone():
     nothing = fit_many(problems[1:2], SGD, steps=3, where=trained)
     with pytest.raises(ValueError, match="no fit has a result; 1 failed"):
         _ = nothing.best
+
+
+class Cliff(eqx.Module):
+    """A double well that has no loss beyond 2.2."""
+
+    actuation: jnp.ndarray
+
+    def objective(self, start=None):
+        x = self.actuation
+        loss = jnp.sum(jnp.where(jnp.abs(x) < 2.2, (x**2 - 1) ** 2, jnp.nan))
+        return loss, ({"Cliff": loss}, None)
+
+
+@pytest.mark.parametrize("how", ["map", "vmap"])
+def test_together_each_goes_its_own_way(how):
+    problems = [Cliff(jnp.array([x])) for x in (-1.2, jnp.nan, 1.9, 0.3)]
+    with pytest.warns(UserWarning, match="was refused"):
+        alone = fit_many(problems, STEEP, steps=6, where=trained)
+    # A step that leaves the domain is halved by the fit that took it, and by no other.
+    assert alone.results[2].history["refused"].sum() > 0 == alone.results[0].history["refused"].sum()
+    gathered = []
+    many = fit_many(problems, STEEP, steps=6, where=trained, together=how, gathered=lambda n, r: gathered.append(n))
+    assert set(many.failures) == {1} and "cannot begin" in str(many.failures[1]) and sorted(gathered) == [0, 1, 2, 3]
+    for found, exact in zip(many.results, alone.results, strict=True):
+        if exact is None:
+            assert found is None
+            continue
+        assert set(found.history) == set(exact.history) and found.stopped == "steps"
+        for column in ("loss", "refused", "update_scale", "gradient_norm"):
+            np.testing.assert_allclose(found.history[column], exact.history[column], rtol=1e-12)
+        np.testing.assert_allclose(found.problem.actuation, exact.problem.actuation, rtol=1e-12)
+        np.testing.assert_allclose(found.last_problem.actuation, exact.last_problem.actuation, rtol=1e-12)
+        assert (found.best_loss, found.best_step) == (pytest.approx(exact.best_loss, rel=1e-12), exact.best_step)
+
+
+def test_together_starts_are_made_and_those_that_cannot_be_fail():
+    many = fit_many([2, 3, 4], functools.partial(optax.sgd, 0.05), steps=4, make=well, where=trained, together="map")
+    exact = fit_many([2, 4], SGD, steps=4, make=well, where=trained)
+    np.testing.assert_allclose(many.losses[[0, 2]], exact.losses, rtol=1e-12)
+    assert list(many.failures) == [1] and "no start of number 3" in str(many.failures[1])
+
+
+@pytest.mark.parametrize(
+    ("problems", "options", "message"),
+    [
+        ([2], {"together": "map", "folder": "starts"}, "neither an executor nor a folder"),
+        ([2], {"together": "map", "patience": 3}, "no option 'patience'"),
+        ([2], {"together": "map", "optimiser": optx.Dogleg(1e-3, 1e-3)}, "optax's optimisers alone; got Dogleg"),
+        ([0, 1], {"together": "map", "make": lambda n: Well(jnp.zeros(n + 1))}, "must be of one kind"),
+    ],
+)
+def test_together_what_does_not_fit(problems, options, message):
+    options = {"optimiser": SGD, "make": well, "where": trained, "steps": 2} | options
+    with pytest.raises(ValueError, match=message):
+        fit_many(problems, **options)
+
+
+@pytest.mark.slow
+def test_together_shells():
+    """Relaxations in turn and in lockstep end in the same shapes, and one that does not converge is left."""
+    mesh = sk.meshes.icosphere(subdivisions=0)
+    problem = sk.InverseProblem(
+        mesh=mesh,
+        thickness=0.1,
+        actuation=sk.Nematic(angle=jnp.zeros(mesh.n_faces), stretch=1.1),
+        energy=sk.StVenantKirchhoff(alpha=1.0, beta=1.0) + sk.Bending(alpha=1.0, beta=1.0),
+        loss=sk.VertexDistance(mesh.vertices * jnp.array([0.95, 0.95, 1.1])),
+    )
+    angle, adam = lambda p: p.actuation.angle, optax.adam(0.1)
+    angles = np.random.default_rng(0).uniform(0, np.pi, (3, mesh.n_faces))
+    angles[1, 0] = np.nan
+    starts = [eqx.tree_at(angle, problem, jnp.asarray(start)) for start in angles]
+    in_turn, in_lockstep = (fit_many(starts, adam, steps=3, where=angle, together=how) for how in ("map", "vmap"))
+    assert set(in_turn.failures) == set(in_lockstep.failures) == {1}
+    for n in (0, 2):
+        found, other = in_turn.results[n].history, in_lockstep.results[n].history
+        assert found["converged"].all() and (np.diff(found["loss"]) < 0).all()
+        np.testing.assert_allclose(found["loss"], other["loss"], rtol=1e-9)
 
 
 def test_taken_up_where_they_stood(tmp_path):
