@@ -9,7 +9,16 @@ from . import report
 from .case import run
 
 
-NAMES = ("design_step", "relaxation", "scaling", "gradient_cost", "energy_kernel", "training", "platforms")
+NAMES = (
+    "design_step",
+    "relaxation",
+    "scaling",
+    "gradient_cost",
+    "energy_kernel",
+    "training",
+    "surface_losses",
+    "platforms",
+)
 
 
 def _options() -> argparse.Namespace:

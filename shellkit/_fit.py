@@ -40,6 +40,7 @@ def fit(
     tolerance: float = 1e-4,
     max_seconds: float | None = None,
     max_refusals: int = 8,
+    max_rise: float | None = None,
     unconverged: Literal["refuse", "accept"] = "refuse",
     warm_start: Literal["rest", "last", "predicted"] = "rest",
     check_every: int = 20,
@@ -54,7 +55,8 @@ def fit(
     **Refused designs.** A design whose loss or gradient is not finite, or whose relaxation does not converge, is
     refused: the optimiser never sees it. The loop returns to the last good design and takes half of the update, half of
     that again, and so on; the scale doubles back to one with each design accepted afterwards. The first refusal of a
-    fit warns; the history counts them (`refused`, `update_scale`).
+    fit warns; the history counts them (`refused`, `update_scale`). With `max_rise`, so is a design at which the loss
+    leaps up, as where the shell snaps: with a warm start a shorter step from the last equilibrium stays on its branch.
 
     **Second-order training** with `optimistix.LevenbergMarquardt`, `GaussNewton` or `Dogleg` wants a loss that is a sum
     of squares ([`shellkit.LeastSquaresLoss`][] and sums of such with weights) and takes far fewer steps than descent.
@@ -98,6 +100,9 @@ def fit(
     - `tolerance`: that fraction.
     - `max_seconds`: stop after the step during which this time is over, counted for this call.
     - `max_refusals`: how many designs in a row to refuse before the fit stops.
+    - `max_rise`: turn a design down if its loss is above that of the step before by more than this fraction of it, at
+        most four in a row: the one after these is taken. Nor is a warm start that fails tried again from rest before
+        that. `None`: never. Least-squares solvers ask for less anyway.
     - `unconverged`: `"accept"` designs whose relaxation did not converge, where a minimiser stops short of its
         tolerance as a rule; their gradients are only about right.
     - `warm_start`: start each relaxation from `"rest"`, from the `"last"` equilibrium, or from its first-order
@@ -120,14 +125,15 @@ def fit(
 
     When not to use it: for a loop of your own, `problem.evaluate()` differentiates like any function.
     """
-    _check(problem, unconverged, warm_start, tolerance, max_seconds)
+    _check(problem, unconverged, warm_start, tolerance, max_seconds, max_rise)
     _check_count("steps", steps)
     _check_count("checkpoint_every", checkpoint_every)
     _check_count("check_every", check_every)
     _check_count("patience", 1 if patience is None else patience)
     _check_count("max_refusals", max_refusals, least=0)
     design, values = split(problem, where, bounds)
-    loop = Loop(design, _method(problem, optimiser), unconverged == "refuse", warm_start, check_every, max_refusals)
+    method = _method(problem, optimiser)
+    loop = Loop(design, method, unconverged == "refuse", warm_start, check_every, max_refusals, max_rise)
     run, history = loop.begin(values), History()
     path = None if checkpoint is None else _checkpoint.prepare(checkpoint)
     identity = {} if path is None else loop.identity(values, run.course.state)
@@ -145,7 +151,7 @@ def fit(
             for reporter in reporters:
                 stack.enter_context(reporter)
             while stopped == "running":
-                tried = loop.next_design(run)
+                tried = loop.next_design(run, history)
                 if isinstance(tried, str):
                     stopped = tried
                     break
@@ -202,7 +208,14 @@ def _method(problem: Any, optimiser: Any) -> Method:
     return SquaresMethod(optimiser)
 
 
-def _check(problem: Any, unconverged: str, warm_start: str, tolerance: float, max_seconds: float | None) -> None:
+def _check(
+    problem: Any,
+    unconverged: str,
+    warm_start: str,
+    tolerance: float,
+    max_seconds: float | None,
+    max_rise: float | None,
+) -> None:
     if not isinstance(problem, Trainable):
         raise ValueError(f"fit trains an InverseProblem, or what has its method objective(); got {type(problem)}.")
     if unconverged not in ("refuse", "accept"):
@@ -211,6 +224,8 @@ def _check(problem: Any, unconverged: str, warm_start: str, tolerance: float, ma
         raise ValueError(f"warm_start must be 'rest', 'last' or 'predicted'; got {warm_start!r}.")
     if not tolerance >= 0:
         raise ValueError(f"tolerance must not be negative; got {tolerance}.")
+    if max_rise is not None and not max_rise >= 0:
+        raise ValueError(f"max_rise must not be negative, or be None; got {max_rise}.")
     if max_seconds is not None and not max_seconds > 0:
         raise ValueError(f"max_seconds must be positive, or None; got {max_seconds}.")
 

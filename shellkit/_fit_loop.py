@@ -21,6 +21,7 @@ from ._history import FitResult, FitStep, History, Scalar
 # A warm start is said to have parted from rest where the losses differ by this fraction of the loss, unless both are
 # as good as zero beside the loss of the first step.
 _PARTED, _ZERO = 1e-3, 1e-6
+_RISES = 4  # designs in a row that are turned down for a loss that rises; the next one is taken
 
 
 @runtime_checkable
@@ -72,6 +73,7 @@ class Loop:
         warm_start: str,
         check_every: int,
         max_refusals: int,
+        max_rise: float | None,
     ):
         self._design = design
         self._method = method
@@ -79,6 +81,7 @@ class Loop:
         self._warm_start = warm_start
         self._check_every = check_every
         self._max_refusals = max_refusals
+        self._max_rise = max_rise
         self._warned: set[str] = set()
 
     def begin(self, values: dict[str, Array]) -> Run:
@@ -95,14 +98,16 @@ class Loop:
             seconds=0.0,
         )
 
-    def next_design(self, run: Run) -> Tried | str:
+    def next_design(self, run: Run, history: History) -> Tried | str:
         """The next design on the course that is acceptable, or why there is none: `"refused"` or `"converged"`."""
-        course, failures = run.course, 0
+        course, failures, rises = run.course, 0, 0
         for refused in range(self._max_refusals + 1):
             if self._method.arrived(course):
                 return "converged"
             tried, objection = self._try(run, course, refused)
-            if objection is None and not self._method.declines(course, tried.loss):
+            rising = objection is None and rises < _RISES and self._rises(tried.loss, history)
+            rises += rising
+            if objection is None and not rising and not self._method.declines(course, tried.loss):
                 tried, objection = self._completed(tried)
                 if objection is None:
                     return tried
@@ -128,6 +133,12 @@ class Loop:
             "the best design is kept.",
         )
         return "refused"
+
+    def _rises(self, loss: float, history: History) -> bool:
+        if self._max_rise is None or history.steps == 0:
+            return False
+        before = float(history.row(-1)["loss"])
+        return loss > before + self._max_rise * abs(before)
 
     def row(self, run: Run, tried: Tried, history: History, seconds: float) -> dict[str, Scalar]:
         """The next row of the history, for an accepted design."""
@@ -241,7 +252,9 @@ class Loop:
         if start is not None and self._warm_start == "predicted":
             start = predict(self._design, course.anchor, free, start)
         tried, objection = self._evaluate(free, start, course, refused)
-        if objection is not None and start is not None:
+        # Who wants no leaps is better served by a shorter step on the same branch.
+        stays = self._max_rise is not None and refused < _RISES
+        if objection is not None and start is not None and not stays:
             tried, objection = self._evaluate(free, None, course, refused)
         return tried, objection
 

@@ -77,7 +77,7 @@ def fit_together(
             beyond = histories[n].steps == steps  # the design after the last update: no row, and no second try
             if row.accepted and not beyond:
                 tail = {"refused": int(refused[n]), "update_scale": row.scale, "seconds": seconds}
-                head = {"loss": row.loss, **row.terms, "gradient_norm": row.gradient_norm}
+                head: dict[str, Any] = {"loss": row.loss, **row.terms, "gradient_norm": row.gradient_norm}
                 histories[n].append({**head, **row.diagnostics, **tail})
                 refused[n] = 0
                 continue

@@ -45,6 +45,31 @@ def test_warns_when_the_branches_part(make_wells, angle):
     assert np.isnan(warm.history["warm_gap"][[0, 1, 3]]).all() and abs(warm.history["warm_gap"][2]) < 1e-9
 
 
+def steady(step):
+    """An optimiser that makes the same step over and over."""
+    return optax.GradientTransformation(
+        lambda params: optax.EmptyState(),
+        lambda grads, state, params=None: (jax.tree.map(lambda g: jnp.full_like(g, step), grads), state),
+    )
+
+
+def test_a_leap_of_the_loss_is_turned_down(make_wells, angle):
+    # The upper well ends at a load of -0.385: of the second step of -0.3, a quarter stays above.
+    run = lambda **options: fit(make_wells(0.0, 1.5), steady(-0.3), steps=3, where=angle, warm_start="last", **options)
+    fallen, kept = run(), run(max_rise=2.0)
+    np.testing.assert_allclose(fallen.history["loss"][:2], kept.history["loss"][:2])
+    upper = np.roots([1, 0, -1, 0.375]).real.max()
+    np.testing.assert_allclose(kept.history["loss"][2], (upper - 1.5) ** 2, rtol=1e-7)
+    assert fallen.history["loss"][2] > 3 and list(kept.history["refused"]) == [0, 0, 2]
+    np.testing.assert_array_equal(kept.history["update_scale"], [1, 1, 0.25])
+
+
+def test_after_four_leaps_the_next_is_taken(make_quadratic, angle):
+    # Uphill at any length: the fifth attempt, a sixteenth of the step, is not turned down.
+    uphill = fit(make_quadratic(), optax.sgd(-10.0), steps=2, where=angle, max_rise=0.0)
+    assert list(uphill.history["refused"]) == [0, 4] and uphill.history["update_scale"][1] == 1 / 16
+
+
 def test_the_prediction_is_the_first_order_one(make_wells, angle):
     # v + dv/dload · step, with dv/dload = 1/(3v² - 1).
     design, values = split(make_wells(0.1, 0.0), angle)

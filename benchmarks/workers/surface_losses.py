@@ -1,0 +1,31 @@
+"""Value and gradient of a loss between two surfaces of different connectivity."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+
+import shellkit as sk
+
+from ..measure import profile
+
+
+_AXES, _TURN = (0.95, 0.95, 1.2), 0.2
+
+
+def measure(loss: str, icp: bool, edge: float, runs: int) -> dict:
+    """A sphere against an ellipsoid of about as many triangles, which are others."""
+    mesh, other = sk.meshes.sphere(edge), sk.meshes.sphere(1.02 * edge)
+    cosine, sine = jnp.cos(_TURN), jnp.sin(_TURN)
+    turn = jnp.array([[1, 0, 0], [0, cosine, sine], [0, -sine, cosine]])
+    target = other.with_vertices((other.vertices * jnp.array(_AXES)) @ turn)
+    given = target.vertices if loss == "Chamfer" else target
+    aligner = sk.ICP(None if loss == "Chamfer" else target.faces) if icp else sk.NoAlignment()
+    wanted = getattr(sk, loss)(given, aligner=aligner)
+    start = sk.InverseProblem(mesh, thickness=0.1, energy=sk.StVenantKirchhoff(1.0, 1.0)).unrelaxed()
+
+    def value_and_gradient(vertices: jax.Array):
+        here = lambda x: wanted(eqx.tree_at(lambda e: e.vertices, start, x), sk.Passive())
+        return jax.value_and_grad(here)(vertices)
+
+    (value, _), record = profile(value_and_gradient, mesh.vertices * 1.01, runs=runs)
+    return {"n_faces": [mesh.n_faces, target.n_faces], "value": float(value), "gradient": record}
