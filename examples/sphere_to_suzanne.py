@@ -22,7 +22,7 @@ FIRST = 2  # subdivisions of the coarsest sphere that is registered
 LOW, HIGH = 0.4, 2.5  # of stretches and growth, where they are trained
 SOFTNESS = ((1e-1, 1e-2), (1e-2, 1e-3))  # of the shell in the registration: on the first sphere, on finer ones
 MATERIALS = ("nematic", "stretch", "growth")
-WHAT = {"nematic": "nematic, λ = 1.5", "stretch": "nematic, λ trained", "growth": "growth, trained"}
+WHAT = {"nematic": "nematic, stretch 1.5", "stretch": "nematic, stretch trained", "growth": "growth, trained"}
 ENERGY = sk.NeoHookean(bulk=1.0, shear=1.0) + sk.Bending(alpha=1.0, beta=1.0, form="tan")
 
 Layer = tuple[Float[Array, " F"], Float[Array, " F"], Float[Array, " F"]]
