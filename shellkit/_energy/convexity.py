@@ -1,6 +1,9 @@
 """The second derivatives of all faces, and what makes them convex: where a Hessian has negative curvature, a minimiser
 may take as much of it away as it must."""
 
+import functools
+import operator
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -38,24 +41,21 @@ class FaceHessians(eqx.Module):
         return self._in_unknowns(jnp.eye(len(diagonal))[:, :, None] * diagonal)
 
     def _in_unknowns(self, matrix: Float[Array, "k k F"]) -> Blocks:
-        k = len(matrix)
+        numbers = range(len(matrix))
         # Sums are spelled out over the numbers, and stay elementwise over faces; as products of small matrices they
         # took twice as long.
-        carried = jnp.stack(
-            [
-                sum((matrix[a, b] * self.corners[b] for b in range(1, k)), matrix[a, 0] * self.corners[0])
-                for a in range(k)
-            ]
-        )
+        carried = jnp.stack([_total([matrix[a, b] * self.corners[b] for b in numbers]) for a in numbers])
         # Kept in memory, or XLA computes it again for each row.
         carried = jax.lax.optimization_barrier(carried)
-        among_corners = sum(
-            (self.corners[a][:, None] * carried[a] for a in range(1, k)), self.corners[0][:, None] * carried[0]
-        )
+        among_corners = _total([self.corners[a][:, None] * carried[a] for a in numbers])
         if self.hinges is None:
             return among_corners, None, None
         among_hinges = self.hinges[:, :, None, None] * matrix[3:, None, 3:, None] * self.hinges
         return among_corners, self.hinges[:, :, None] * carried[3:, None], among_hinges
+
+
+def _total(terms: list[Array]) -> Array:
+    return functools.reduce(operator.add, terms)
 
 
 def convexifying_diagonal(hessian: Float[Array, "k k F"]) -> Float[Array, "k F"]:
