@@ -4,9 +4,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
-from ._energy import AbstractEnergy, Assembly, DiscreteEnergy, EnergyTerm
+from ._energy import AbstractEnergy, Assembly, DiscreteEnergy, EnergyTerm, FormEnergy
 from ._mesh.mesh import Mesh
 from ._rest import RestShape
 from ._supports import Supports
@@ -28,6 +28,7 @@ class FreeMotions(eqx.Module):
     units: Float[Array, " 6"]
     assembly: Assembly
     held: Float[Array, " N"] | None  # where unknowns are held; None if none is
+    clamped: Int[Array, "c 2"] | None  # the ends of the edges whose normal is held; None if none is
     count: int = eqx.field(static=True)
 
     def __call__(self, y: Float[Array, " n"]) -> Float[Array, "n k"]:
@@ -39,6 +40,8 @@ class FreeMotions(eqx.Module):
         if self.held is not None:
             at_supports = fields.at[self.assembly.free].set(0.0)
             rows = jnp.concatenate([rows, at_supports])
+        if self.clamped is not None:
+            rows = jnp.concatenate([rows, _turns(vertices, self.clamped)])
         if self.count < 6:
             # Eigenvalues ascend: the first motions are those that nothing hinders.
             fields = fields @ jnp.linalg.eigh(rows.T @ rows)[1][:, : self.count]
@@ -65,6 +68,12 @@ def rigid_fields(arms: Float[Array, "V 3"]) -> Float[Array, "V*3 6"]:
     return jnp.stack(fields, axis=-1).reshape(-1, 6)
 
 
+def _turns(vertices: Float[Array, "V 3"], edges: Int[Array, "m 2"]) -> Float[Array, "m 6"]:
+    """By how much the six motions turn the surface about edges, whose normal stays."""
+    along = vertices[edges[:, 1]] - vertices[edges[:, 0]]
+    return jnp.concatenate([jnp.zeros_like(along), along / jnp.linalg.norm(along, axis=1, keepdims=True)], axis=1)
+
+
 def free_motions(
     energy: AbstractEnergy,
     mesh: Mesh,
@@ -80,18 +89,24 @@ def free_motions(
     centre, units = jnp.mean(mesh.vertices, axis=0), _units(mesh)
     own = [term.engaged() for _, term in energy.weighted_terms() if isinstance(term, EnergyTerm)]
     hindrances = _work_on_motions(own, mesh, rest, centre, units) if own else np.zeros((0, 6))
-    rows, held = hindrances, None
+    rows, held, clamped = hindrances, None, None
     if supports is not None:
         # What is held in a line or a plane at rest may leave it on the way.
         positions = [supports.at(0.0).held_positions(mesh), supports.held_positions(mesh)]
         fields = [np.asarray(_fields(assembly, x - centre)) * units for x in positions]
         rows = np.concatenate([rows, *(field[assembly.is_held] for field in fields)])
         held = assembly.join(positions[1], None)
+        if any(isinstance(term, FormEnergy) and term.form is not None for _, term in energy.weighted_terms()):
+            # What feels the normals of edges cannot turn about those that are held.
+            edges = np.concatenate([np.asarray(part.held_edges(mesh)) for part in supports.parts()])
+            clamped = mesh.edges[edges] if len(edges) else None
+        if clamped is not None:
+            rows = np.concatenate([rows, *(_turns(x, clamped) for x in positions)])
     sizes = np.linalg.svd(rows, compute_uv=False) if len(rows) else np.zeros(0)
     count = 6 - int(np.count_nonzero(sizes > _TOLERANCE * max(sizes.max(initial=0.0), 1e-300)))
     if count == 0:
         return None
-    return FreeMotions(centre, jnp.asarray(hindrances), jnp.asarray(units), assembly, held, count)
+    return FreeMotions(centre, jnp.asarray(hindrances), jnp.asarray(units), assembly, held, clamped, count)
 
 
 def _units(mesh: Mesh) -> np.ndarray:

@@ -18,11 +18,13 @@ from .figures import Figure, by_series, order
 CARDS = {
     "moduli": 1,
     "sphere": 2,
+    "rollup": 3,
     "consistency": 4,
     "catenoid": 5,
     "spectrum": 6,
     "plate": 7,
     "elastica": 8,
+    "large": 9,
     "locking": 10,
     "cones": 11,
     "gradients": 12,
