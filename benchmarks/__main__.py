@@ -18,6 +18,7 @@ NAMES = (
     "training",
     "surface_losses",
     "platforms",
+    "accuracy",
 )
 
 

@@ -11,7 +11,8 @@ SUZANNE = Path(__file__).parent.parent / "examples" / "meshes" / "suzanne.obj"
 
 @functools.cache
 def file(name: str) -> Path:
-    """The .obj file of `"icosphere-3"`, an icosahedron subdivided three times, or of `"suzanne"`; made where needed.
+    """The .obj file of `"icosphere-3"`, an icosahedron subdivided three times, of `"suzanne"`, or of `"sheet-J16"`, the
+    unit square in 16 x 16 cells of the kind J of `benchmarks.validation.meshes`; made where needed.
 
     Faces begin with their smallest vertex, as triangulax turns them: an angle on a face counts from its first edge.
     """
@@ -22,8 +23,15 @@ def file(name: str) -> Path:
 
     import shellkit as sk
 
+    from .validation.meshes import sheet
+
     kind, _, level = name.partition("-")
-    mesh = sk.meshes.icosphere(subdivisions=int(level)) if kind == "icosphere" else sk.Mesh.read(SUZANNE)
+    if kind == "icosphere":
+        mesh = sk.meshes.icosphere(subdivisions=int(level))
+    elif kind == "sheet":
+        mesh = sheet(level[0], (int(level[1:]), int(level[1:])))
+    else:
+        mesh = sk.Mesh.read(SUZANNE)
     turn = jnp.argmin(mesh.faces, axis=1)[:, None] + jnp.arange(3)
     path = _folder() / f"{name}.obj"
     sk.Mesh(mesh.vertices, jnp.take_along_axis(mesh.faces, turn % 3, axis=1)).write(path)

@@ -89,6 +89,12 @@ def _stability() -> str:
     return page.content()
 
 
+def _precision() -> str:
+    from . import precision
+
+    return precision.content()
+
+
 PAGES: dict[str, dict[str, Callable[[], str]]] = {
     "README.md": {"figures": design_steps},
     "docs/performance.md": {
@@ -103,6 +109,7 @@ PAGES: dict[str, dict[str, Callable[[], str]]] = {
             "surface_losses",
         )
     },
+    "docs/accuracy.md": {"precision": _precision, "accuracy": lambda: page_of("accuracy")},
     "docs/validation.md": {"validation": _validation},
     "docs/stability.md": {"stability": _stability},
 }

@@ -8,6 +8,7 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 
 from . import report
+from .accuracy import gradients, meshes, solvers
 from .case import ROOT, Row
 from .relaxation import SCENES
 from .scaling import memory, times
@@ -74,6 +75,43 @@ def _training(scene: str, rows: list[Row]) -> plt.Figure:
     return figure
 
 
+_COLOURS = {
+    "SparseNewton": "C0",
+    "implicit": "C0",
+    "NonlinearCG": "C1",
+    "differences": "C1",
+    "LBFGS": "C2",
+    "unrolled": "C2",
+    "triangulax": "C7",
+    "triangulax dense": "C7",
+    "triangulax cg": "0.7",
+}
+
+
+def accuracy(rows: list[Row]) -> plt.Figure:
+    """Error over seconds: of a mesh, of a relaxation, of a gradient."""
+    figure, axes = plt.subplots(1, 3, figsize=(10, 3.4))
+    kinds = {"R": ":", "X": "--", "J": "-"}
+    methods = {"free sin": "C0", "average sin": "C3", "triangulax": "C7"}
+    for (kind, method), curve in meshes(rows).items():
+        if method in methods:
+            seconds, errors = [point[2] for point in curve], [point[1] for point in curve]
+            label = method.replace(" sin", " normals") if kind == "J" else None
+            axes[0].loglog(seconds, errors, kinds[kind], marker=".", color=methods[method], label=label)
+    for axis, curves in ((axes[1], solvers(rows)), (axes[2], gradients(rows))):
+        for method, curve in curves.items():
+            points = [(point[2], point[1]) for point in curve if point[1] == point[1]]
+            marker = "o" if len(points) == 1 else "."
+            axis.loglog(*zip(*points, strict=True), f"{marker}-", label=method, color=_COLOURS[method])
+    titles = ("of a mesh (J —, X – –, R ···)", "of a relaxation, 642 vertices", "of a gradient, 42 vertices")
+    for axis, title in zip(axes, titles, strict=True):
+        axis.xaxis.set_minor_formatter("")
+        axis.set(xlabel="seconds", title=title)
+        axis.legend(fontsize=7)
+    axes[0].set_ylabel("error")
+    return figure
+
+
 def main() -> None:
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs" / "assets"
     folder.mkdir(parents=True, exist_ok=True)
@@ -88,6 +126,9 @@ def main() -> None:
                 print(path)
             else:
                 print(f"{name}: no results yet, run python -m benchmarks {name}")
+        if rows := report.load("accuracy"):
+            accuracy(rows).savefig(folder / "accuracy.png", dpi=90, metadata={"Software": None})
+            print(folder / "accuracy.png")
 
 
 if __name__ == "__main__":

@@ -10,6 +10,11 @@ THICKNESS = 0.1
 FOLDS = 1e-4  # weight of the penalty on folds, in the sphericity problem
 SMOOTHNESS_OF = {"ellipsoid": 1e-3, "sphericity": 1e-2}  # weight of the smoothness of the directors
 
+# A unit square that would like to roll up about an axis that lies askew to its edges; E = 1, ν = 0.3.
+ROLL_THICKNESS = 0.02
+ROLL_CURVATURE, ROLL_ANGLE = 2.0, np.pi / 6
+ROLL_ALPHA, ROLL_BETA = 0.3 / (2 * (1 - 0.3**2)), 1 / (4 * (1 + 0.3))
+
 
 def ellipsoid(vertices: jax.Array) -> jax.Array:
     """The target of the ellipsoid problem: the sphere, stretched along z."""
@@ -35,3 +40,18 @@ def gradient_probes(gradient: tuple[jax.Array, jax.Array], count: int = 16) -> l
     """The gradient along a few fixed random directions, by which those of two libraries are compared."""
     directions = np.random.default_rng(1).standard_normal((count, sum(map(len, gradient))))
     return (directions @ np.concatenate(gradient)).tolist()
+
+
+def roll_curvature(vertices: jax.Array, faces: jax.Array) -> jax.Array:
+    """The curvature form of the rolled square, in the basis of each face of the flat one."""
+    along = jnp.array([np.cos(ROLL_ANGLE), np.sin(ROLL_ANGLE)])
+    reach = jnp.stack([(vertices[faces[:, i]] - vertices[faces[:, 0]])[:, :2] @ along for i in (1, 2)], axis=1)
+    return ROLL_CURVATURE * reach[:, :, None] * reach[:, None, :]
+
+
+def rolled(vertices: jax.Array) -> jax.Array:
+    """Where the vertices of the flat square go: onto a cylinder, without any stretch."""
+    c, s = np.cos(ROLL_ANGLE), np.sin(ROLL_ANGLE)
+    along, across = c * vertices[:, 0] + s * vertices[:, 1], c * vertices[:, 1] - s * vertices[:, 0]
+    turn = ROLL_CURVATURE * along
+    return jnp.stack([jnp.sin(turn), ROLL_CURVATURE * across, jnp.cos(turn)], axis=1) / ROLL_CURVATURE

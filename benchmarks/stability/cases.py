@@ -142,6 +142,36 @@ def folded(material: str, count: int = 4) -> Iterator[Case]:
         yield Case(f"folded by {np.rad2deg(angle):.0f}°", problem, started(problem, points))
 
 
+def cones(material: str, count: int = 6) -> Iterator[Case]:
+    """Flat discs whose directors run around the centre: flat is a saddle of the energy, and the start."""
+    disc = sk.meshes.disc(radius=1.0, target_edge_length=0.25)
+    field = jnp.cross(jnp.array([0.0, 0.0, 1.0]), disc.vertices[disc.faces].mean(1))
+    angle = sk.director_angles(disc, field)
+    for stretch in np.linspace(0.95, 0.7, count):
+        problem = sk.InverseProblem(
+            mesh=disc,
+            thickness=0.05,
+            actuation=sk.Nematic(angle=angle, stretch=float(stretch)),
+            energy=MATERIALS[material](),
+            solver=sk.SparseNewton(max_steps=MAX_STEPS),
+        )
+        yield Case(f"λ = {stretch:.2f}", problem)
+
+
+def pressurised(material: str, count: int = 6) -> Iterator[Case]:
+    """Spheres under a pressure from outside, up to and beyond the one at which a perfect sphere buckles."""
+    thickness = 0.05
+    critical = 2 * thickness**2 / np.sqrt(3 * (1 - 0.3**2))
+    for part in (0.5, 0.9, 0.98, 1.02, 1.1, 0.99)[:count]:
+        problem = sk.InverseProblem(
+            mesh=sk.meshes.icosphere(2),
+            thickness=thickness,
+            energy=MATERIALS[material]() + sk.Pressure(-part * critical),
+            solver=sk.SparseNewton(max_steps=MAX_STEPS),
+        )
+        yield Case(f"{part:.0%} of the critical pressure", problem)
+
+
 KINDS: dict[str, tuple[Callable[..., Iterator[Case]], int]] = {
     "random sheets": (random_sheets, 60),
     "strip of any thickness": (strips, 9),
@@ -150,4 +180,6 @@ KINDS: dict[str, tuple[Callable[..., Iterator[Case]], int]] = {
     "starts with noise": (noisy_starts, 12),
     "starts with crushed faces": (crushed, 6),
     "starts folded": (folded, 4),
+    "flat discs that become cones": (cones, 6),
+    "sphere near its critical pressure": (pressurised, 6),
 }

@@ -112,7 +112,8 @@ def draw(card: str) -> None:
 
     from ..plot import STYLE
 
-    groups = {key: group for key, group in by_series(load(card)).items() if len(group) > 1 and group[-1].cells > 0}
+    groups = by_series(figure for figure in load(card) if abs(figure.error) > _MEASURABLE and figure.cells > 0)
+    groups = {key: group for key, group in groups.items() if len(group) > 1}
     quantities = list(dict.fromkeys(quantity for quantity, _ in groups))[:4]
     if not quantities:
         return
@@ -127,6 +128,9 @@ def draw(card: str) -> None:
             reference = np.array([cells.min(), cells.max()])
             top = max(abs(group[0].error) for (name, _), group in groups.items() if name == quantity)
             axis.loglog(reference, top * (reference / reference[0]) ** -2.0, "k:", lw=1, label="second order")
+            ticks = sorted(set(cells.tolist()))
+            axis.set_xticks(ticks, [f"{tick:.3g}" for tick in ticks])
+            axis.minorticks_off()
             axis.set(xlabel="cells a side", title=quantity)
             axis.legend(fontsize=6)
         axes[0, 0].set_ylabel("relative error")

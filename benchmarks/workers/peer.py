@@ -20,7 +20,7 @@ _ADJOINTS = {
     "dense": optx.ImplicitAdjoint(),
     "cg": optx.ImplicitAdjoint(lx.CG(rtol=1e-6, atol=1e-12, max_steps=10_000)),
 }
-_SOLVER = optx.NonlinearCG(rtol=1e-9, atol=1e-9)
+TOLERANCE = 1e-9  # the tutorial's
 
 
 class Scene(eqx.Module):
@@ -33,9 +33,10 @@ class Scene(eqx.Module):
     stretch: jax.Array
     loss: str = eqx.field(static=True)
     max_steps: int = eqx.field(static=True)
+    tolerance: float = eqx.field(static=True)
 
     @classmethod
-    def read(cls, path: str, loss: str, stretch: float, max_steps: int) -> "Scene":
+    def read(cls, path: str, loss: str, stretch: float, max_steps: int, tolerance: float) -> "Scene":
         file = TriMesh.read_obj(path, dim=3)
         mesh = HeMesh.from_triangles(len(file.vertices), file.faces)
         if not jnp.array_equal(mesh.faces, file.faces):
@@ -43,7 +44,7 @@ class Scene(eqx.Module):
         vertices = jnp.asarray(file.vertices)
         metric = elastic.get_metric(vertices, mesh)
         curvature = elastic.get_second_fundamental_form(vertices, mesh)
-        return cls(mesh, vertices, metric, curvature, jnp.asarray(stretch), loss, max_steps)
+        return cls(mesh, vertices, metric, curvature, jnp.asarray(stretch), loss, max_steps, tolerance)
 
     def layer(self, angle: jax.Array) -> jax.Array:
         """The metric that a nematic layer would like to have."""
@@ -71,7 +72,7 @@ class Scene(eqx.Module):
     def relax(self, angles: tuple[jax.Array, jax.Array], adjoint: str) -> optx.Solution:
         return optx.minimise(
             self.energy,
-            _SOLVER,
+            optx.NonlinearCG(rtol=self.tolerance, atol=self.tolerance),
             self.vertices,
             self.rest(angles),
             max_steps=self.max_steps,
@@ -116,10 +117,18 @@ def _design_step(adjoint: str, scene: Scene, angles: tuple[jax.Array, jax.Array]
 
 
 def measure(
-    mesh: str, loss: str, stretch: float, max_steps: int, field: str, adjoint: str, forward: bool, runs: int
+    mesh: str,
+    loss: str,
+    stretch: float,
+    max_steps: int,
+    field: str,
+    adjoint: str,
+    forward: bool,
+    runs: int,
+    tolerance: float = TOLERANCE,
 ) -> dict:
     """The design step on the mesh in a file; with `forward`, the relaxation alone as well."""
-    scene = Scene.read(mesh, loss, stretch, max_steps)
+    scene = Scene.read(mesh, loss, stretch, max_steps, tolerance)
     angles = fields(field, scene.mesh.n_faces)
     ((value, (vertices, steps, converged)), gradient), record = profile(
         partial(_design_step, adjoint), scene, angles, runs=runs

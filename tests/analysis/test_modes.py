@@ -88,6 +88,7 @@ def test_an_unstable_shape_has_negative_eigenvalues(problem):
     np.testing.assert_allclose(modes.eigenvalues, dense(grown, grown.mesh.vertices)[:12], atol=1e-11)
 
 
+@pytest.mark.slow
 def test_free_directors_follow_without_mass():
     plate = shell(sk.meshes.rectangle(length=1.0, width=0.8, cells=(4, 3)), 0.05, directors="free")
     modes = sk.vibration_modes(plate, count=15)

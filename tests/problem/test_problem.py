@@ -71,6 +71,7 @@ def test_full_tolerance_in_few_steps():
         assert int(equilibrium.steps) <= 15
 
 
+@pytest.mark.slow
 def test_other_minimisers_reach_the_same_state():
     newton = random_problem()
     reference = newton().vertices
@@ -109,6 +110,7 @@ LOSS = eqx.filter_jit(lambda p: p.evaluate()[0])
 GRADIENT = eqx.filter_jit(eqx.filter_grad(lambda p: p.evaluate()[0]))
 
 
+@pytest.mark.slow
 def test_tangent_is_adjoint():
     problem = random_problem(2)
     angle = lambda p: p.actuation.top.angle
@@ -180,6 +182,7 @@ class _count_compilations:
         jax.monitoring.unregister_event_duration_listener(self._listen)
 
 
+@pytest.mark.slow
 def test_frozen_arrays_cost_no_derivative():
     problem = random_problem()
     spec = eqx.tree_at(lambda p: p.actuation.top.angle, jax.tree.map(lambda _: False, problem), replace=True)

@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 
-from benchmarks.stability.cases import KINDS, MATERIALS, bent, random_sheets, strips, thicknesses, units
+from benchmarks.stability.cases import (
+    KINDS,
+    MATERIALS,
+    bent,
+    cones,
+    pressurised,
+    random_sheets,
+    strips,
+    thicknesses,
+    units,
+)
 from benchmarks.stability.verdict import judge
 
 
@@ -12,8 +22,8 @@ FREE = "neo-Hookean, tan, free"
 
 @pytest.fixture(scope="module")
 def verdicts():
-    """A few cases of each kind with free directors; all but the strips share one compiled program."""
-    kinds = {name: kind for name, kind in KINDS.items() if kind[0] is not strips}
+    """A few cases of each kind with free directors; those with a mesh of their own would be compiled apart."""
+    kinds = {name: kind for name, kind in KINDS.items() if kind[0] not in (strips, cones, pressurised)}
     return {name: [judge(case) for case in cases(FREE, min(count, 6))] for name, (cases, count) in kinds.items()}
 
 
@@ -43,6 +53,21 @@ def test_steps_do_not_depend_on_the_unit_of_length(verdicts):
 def test_strip_of_any_thickness(material):
     judged = [judge(case) for case in strips(material, 5)]
     assert all(verdict.converged and verdict.honest for verdict in judged)
+
+
+@pytest.mark.slow
+def test_flat_disc_leaves_its_saddle():
+    for case in cones(FREE, 3):
+        verdict = judge(case)
+        assert verdict.converged and verdict.honest, verdict
+
+
+@pytest.mark.slow
+def test_sphere_near_its_critical_pressure():
+    """Far below it stays a sphere; near and beyond it ends somewhere, or says that it does not."""
+    judged = [judge(case) for case in pressurised(FREE)]
+    assert all(verdict.finite and verdict.honest for verdict in judged)
+    assert judged[0].converged and judged[0].steps < 5
 
 
 @pytest.mark.slow

@@ -80,6 +80,7 @@ def test_one_half_with_symmetry_bends_as_the_whole(directors, oblique):
     np.testing.assert_allclose(2 * equilibrium.energy, reference.energy, rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_a_clamp_that_moves_as_a_rigid_body_takes_the_shell_along():
     mesh = dome()
     rotation, shift = jnp.array([0.4, -0.3, 0.6]), jnp.array([0.0, 2.0, 0.0])

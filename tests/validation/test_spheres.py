@@ -18,6 +18,7 @@ def test_sphere_meshes_are_spheres(kind):
     assert abs(float(sk.enclosed_volume(mesh.vertices, mesh)) / (4 * np.pi / 3) - 1) < 0.05
 
 
+@pytest.mark.slow
 def test_swollen_sphere():
     found, _ = sphere.swell("J", 6, "free")
     assert found.converged

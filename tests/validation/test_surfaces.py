@@ -24,15 +24,20 @@ def errors(surface, kind, form, directors="free"):
     ]
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("form", ["sin", "theta"])
-@pytest.mark.parametrize("surface", sorted(consistency.SURFACES))
+ALL = [(s, form, kind) for s in sorted(consistency.SURFACES) for form in ("sin", "theta") for kind in KINDS]
+
+
+@pytest.mark.parametrize(
+    ("surface", "form", "kind"),
+    [case if case == ("saddle", "sin", "J") else pytest.param(*case, marks=pytest.mark.slow) for case in ALL],
+)
 def test_free_directors_converge_at_second_order(surface, form, kind):
     figures = errors(surface, kind, form)
     assert order(figures) > 1.8
     assert abs(figures[-1].error) < 1.3e-3  # four times that of 64 cells
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_tangents_converge_too(kind):
     """On the cylinder: on the saddle, two errors of the tangent cancel on coarse meshes."""
@@ -47,7 +52,9 @@ def test_averaged_normals_do_not(surface, kind):
     assert order(figures) < 0.5 and abs(figures[-1].error) > 0.05
 
 
-@pytest.mark.parametrize("form", ["sin", "tan", "theta"])
+@pytest.mark.parametrize(
+    "form", ["tan", pytest.param("sin", marks=pytest.mark.slow), pytest.param("theta", marks=pytest.mark.slow)]
+)
 def test_directors_found_make_the_energy_stationary(form):
     """The directors come from a method of the benchmark's own: here is the library's gradient at them."""
     flat = sheet("J", (6, 6))
@@ -74,7 +81,7 @@ def test_forms_of_a_chart():
     assert np.allclose(curvature, -np.array([[2, 0.5], [0.5, -2]]) / np.sqrt(1 + slope @ slope), atol=1e-8)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", ["J", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("R", "X"))])
 def test_catenoid_bends_without_stretching(kind):
     found = [catenoid.energies(kind, cells, "sin")[:2] for cells in (8, 16)]
     assert abs(found[1][0] / catenoid.EXACT - 1) < 5e-3  # 2 % is asked for at 64 cells

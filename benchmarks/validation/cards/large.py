@@ -26,7 +26,7 @@ SIZES = {
     2: (6, 8),
     3: (8, 12, 16),
     4: (8, 12, 16, 24),
-}  # cells across the annulus; a third of those of the quarter
+}
 
 
 def _energy(young: float, poisson: float, directors: str, form: str) -> sk.EnergyTerm:
