@@ -127,8 +127,8 @@ def main() -> None:
             else:
                 print(f"{name}: no results yet, run python -m benchmarks {name}")
         if rows := report.load("accuracy"):
-            accuracy(rows).savefig(folder / "accuracy.png", dpi=90, metadata={"Software": None})
-            print(folder / "accuracy.png")
+            accuracy(rows).savefig(folder / "benchmark_accuracy.png", dpi=90, metadata={"Software": None})
+            print(folder / "benchmark_accuracy.png")
 
 
 if __name__ == "__main__":
