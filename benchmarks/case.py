@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from . import meshes
+from .machine import describe
 
 
 ROOT = Path(__file__).parent.parent
@@ -42,6 +43,7 @@ def run(case: Case, threads: int, peer_python: str | None) -> Row:
         "case": case.arguments,
         "threads": case.threads or threads,
         "platform": case.platform,
+        "machine": describe(),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "load": round(os.getloadavg()[0], 2),
     }

@@ -52,7 +52,8 @@ def span(row: Row) -> str:
     samples = row["run_s"] or [row["first_s"]]
     if len(samples) == 1:
         return seconds(samples[0])
-    return f"{seconds(time(row))} ({bare_seconds(min(samples))}–{bare_seconds(max(samples))})"
+    shown = seconds if (min(samples) < 1) != (max(samples) < 1) else bare_seconds
+    return f"{seconds(time(row))} ({shown(min(samples))}–{shown(max(samples))})"
 
 
 def seconds(value: float) -> str:
@@ -82,17 +83,20 @@ def megabytes(value: float) -> str:
 
 def _conditions(rows: list[Row]) -> str:
     done = [row for row in rows if not missing(row)]
-    machine = describe()
-    threads = sorted({row["threads"] for row in rows})
+    machines = dict.fromkeys(_machine(row) for row in rows)
     loads = [row["load"] for row in rows]
     dates = sorted({row["date"][:10] for row in rows})
     versions: dict[str, str] = {}
     for row in done:
         versions |= row["versions"]
     return (
-        f"*{machine['cpu']}, {' or '.join(map(str, threads))} threads of {machine['cores']} cores, "
-        f"{machine['memory_gb']} GB; load of the machine when each row began {min(loads)}–{max(loads)}; "
+        f"*{'; '.join(machines)}; load of the machine when each row began {min(loads)}–{max(loads)}; "
         f"{' to '.join(dict.fromkeys((dates[0], dates[-1])))}; "
         + ", ".join(f"{name} {version}" for name, version in versions.items())
         + ".*"
     )
+
+
+def _machine(row: Row) -> str:
+    machine = row.get("machine") or describe()
+    return f"{machine['cpu']}, {row['threads']} threads of {machine['cores']} cores, {machine['memory_gb']} GB"
