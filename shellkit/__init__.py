@@ -36,7 +36,9 @@ from ._analysis import (
 )
 from ._checkpoint import load_checkpoint as load_checkpoint
 from ._energy import (
+    AreaConstraint as AreaConstraint,
     Bending as Bending,
+    Constraint as Constraint,
     DeadLoad as DeadLoad,
     DihedralBending as DihedralBending,
     EdgeLoad as EdgeLoad,
@@ -45,6 +47,7 @@ from ._energy import (
     FormEnergy as FormEnergy,
     Foundation as Foundation,
     Gravity as Gravity,
+    Inflation as Inflation,
     IncompressibleNeoHookean as IncompressibleNeoHookean,
     LaminateEnergy as LaminateEnergy,
     NeoHookean as NeoHookean,
@@ -58,6 +61,7 @@ from ._energy import (
     StVenantKirchhoff as StVenantKirchhoff,
     SurfaceLoad as SurfaceLoad,
     TensionField as TensionField,
+    VolumeConstraint as VolumeConstraint,
 )
 from ._design import Bounds as Bounds
 from ._equilibrium import Equilibrium as Equilibrium, RESULTS as RESULTS

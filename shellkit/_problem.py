@@ -13,20 +13,22 @@ from jaxtyping import Array, Float, Scalar
 from ._actuation import Actuation, Passive
 from ._align import Kabsch
 from ._citation import citation
-from ._energy import AbstractEnergy, Assembly, DiscreteEnergy, FormEnergy
+from ._energy import AbstractEnergy, Assembly, Constraint, DiscreteEnergy, FormEnergy
 from ._equilibrium import RESULTS, Equilibrium
 from ._geometry.forms import CurvatureForm
 from ._geometry.patches import Hinges, Triangles
+from ._holding import Stationary, differentiable_held, padded
 from ._loss import Loss
 from ._mesh.mesh import Mesh
 from ._papers import BRADBURY_2018, KIDGER_2021, RADER_2024
 from ._precision import require_x64
+from ._relaxation import End, minimised, minimised_held
 from ._rest import RestShape
 from ._solve.adjoint import differentiable_minimum
+from ._solve.bordered import BorderedSolver
 from ._solve.choose import default_direct_solver
 from ._solve.direct import AbstractSparseSolver
-from ._solve.motions import coordinates_to_hold, hold, orthonormal
-from ._solve.newton import NewtonState, SparseNewton
+from ._solve.newton import SparseNewton
 from ._solve.operator import SparseSymmetric
 from ._solve.response import responding_minimum
 from ._supports import Supports
@@ -112,6 +114,7 @@ class InverseProblem(eqx.Module):
         for _, term in energy.weighted_terms():
             term.check(mesh)
         self.energy = energy.on(mesh)
+        _check_constraints(self.energy, self.solver)
         _check_one_curvature([term for _, term in energy.weighted_terms()])
         if self.supports is not None:
             self.supports.check(mesh)
@@ -159,9 +162,12 @@ class InverseProblem(eqx.Module):
         Where directors are free it acts on pairs `(vertices, directors)`; where supports hold something, on the flat
         vector of the unknowns that are left.
         """
+        if any(isinstance(term, Constraint) for _, term in self.energy.weighted_terms()):
+            raise ValueError("The Hessian of an energy with constraints is not sparse; take the constraints out of it.")
         energy = self.discrete_energy()
         y = self.assembly.restrict(self.assembly.join(vertices, directors))
         flat = energy.hessian(y)
+        assert isinstance(flat, SparseSymmetric)
         values = flat.values
         if self.assembly.director_length is not None:
             # Derivatives in angles, from those in the unknowns of a relaxation.
@@ -193,40 +199,27 @@ class InverseProblem(eqx.Module):
             unknowns = self.assembly.join(start.vertices, start.directors)
         y0 = jax.lax.stop_gradient(self.assembly.restrict(unknowns))
         motions = _stop(self.rigid_motions())
-        solution = optx.minimise(
-            lambda y, _: still(y),
-            self.solver,
-            y0,
-            options={
-                "value_and_gradient": still.value_and_gradient,
-                "derivatives": still.derivatives,
-                "feasible": _Feasible(still),
-                "motions": motions,
-                "length": jax.lax.stop_gradient(_mean_edge_length(self.mesh)),
-            },
-            max_steps=self._step_limit(),
-            throw=False,
-        )
+        length = jax.lax.stop_gradient(_mean_edge_length(self.mesh))
         linear_solver = self._linear_solver()
-        y = differentiable_minimum(energy, solution.value, motions, linear_solver)
-        vertices, directors, reactions = self._posed(energy, y)
-        return self._report(still, solution, vertices, directors, reactions, motions, linear_solver)
-
-    def _report(self, energy, solution, vertices, directors, reactions, motions, linear_solver) -> Equilibrium:
-        y = solution.value
-        converged = solution.result == optx.RESULTS.successful
-        result = RESULTS.promote(solution.result)
-        result = RESULTS.where(solution.result == optx.RESULTS.nonlinear_divergence, RESULTS.stuck, result)
-        if isinstance(solution.state, NewtonState):
-            end = solution.state.point
-            value, gradient = end.value, end.gradient
-            stable = converged
-            factorisations = solution.stats["factorisations"]
+        multipliers = None
+        if energy.quantities is None:
+            end = minimised(still, y0, motions, length, self.solver, linear_solver, self._step_limit())
+            y = differentiable_minimum(energy, end.y, motions, linear_solver)
         else:
-            value, gradient = energy.value_and_gradient(y)
-            factor = linear_solver.factorise(_held_still(energy.hessian(y), motions, y))
-            stable = factor.ok & (factor.negative <= 0)
-            factorisations = jnp.ones((), jnp.int32)
+            assert isinstance(self.solver, SparseNewton)  # as was checked when the problem was built
+            first = None if start is None else start.multipliers
+            end, held = minimised_held(still, y0, first, motions, length, self.solver, self._step_limit())
+            y, multipliers = differentiable_held(energy, held, motions, linear_solver)
+            energy = energy.held_by(multipliers)
+        vertices, directors, reactions = self._posed(energy, y)
+        return self._report(still, end, vertices, directors, reactions, multipliers)
+
+    def _report(
+        self, energy: DiscreteEnergy, end: End, vertices: Array, directors, reactions, multipliers
+    ) -> Equilibrium:
+        converged = end.result == optx.RESULTS.successful
+        result = RESULTS.promote(end.result)
+        result = RESULTS.where(end.result == optx.RESULTS.nonlinear_divergence, RESULTS.stuck, result)
         worst_hinge = None
         if energy.faces is not None and energy.faces.form is not None:
             positions = jax.lax.stop_gradient(vertices)
@@ -243,12 +236,13 @@ class InverseProblem(eqx.Module):
             vertices=vertices,
             directors=directors,
             reactions=reactions,
-            energy=value,
-            gradient_norm=jnp.linalg.norm(gradient),
-            steps=solution.stats["num_steps"],
-            factorisations=factorisations,
+            multipliers=multipliers,
+            energy=end.value,
+            gradient_norm=jnp.linalg.norm(end.gradient),
+            steps=end.steps,
+            factorisations=end.factorisations,
             converged=converged,
-            stable=stable,
+            stable=end.stable,
             result=result,
             worst_hinge=worst_hinge,
         )
@@ -294,11 +288,19 @@ class InverseProblem(eqx.Module):
             energy = self.discrete_energy()
             y = self.assembly.restrict(self.assembly.join(equilibrium.vertices, equilibrium.directors))
             motions = None if self.motions is None else _stop(self.motions)
-            y = responding_minimum(energy, y, motions, self._linear_solver())
+            multipliers = equilibrium.multipliers
+            if multipliers is None:
+                y = responding_minimum(energy, y, motions, self._linear_solver())
+            else:
+                z, m = jnp.concatenate([y, multipliers]), len(multipliers)
+                solver = BorderedSolver(self._linear_solver())
+                z = responding_minimum(Stationary(energy), z, padded(motions, m), solver)
+                y, multipliers = z[:-m], z[-m:]
+                energy = energy.held_by(multipliers)
             equilibrium = eqx.tree_at(
-                lambda e: (e.vertices, e.directors, e.reactions, e.rest, e.mesh),
+                lambda e: (e.vertices, e.directors, e.reactions, e.multipliers, e.rest, e.mesh),
                 equilibrium,
-                (*self._posed(energy, y), self.rest_shape(), self.mesh),
+                (*self._posed(energy, y), multipliers, self.rest_shape(), self.mesh),
                 is_leaf=lambda x: x is None,
             )
         else:
@@ -322,6 +324,7 @@ class InverseProblem(eqx.Module):
             vertices=self.mesh.vertices,
             directors=None,
             reactions=None,
+            multipliers=None,
             energy=zero,
             gradient_norm=zero,
             steps=none,
@@ -378,21 +381,6 @@ def _relax(problem: InverseProblem, start: Equilibrium | None) -> Equilibrium:
     return problem._relaxed(start)
 
 
-class _Feasible(eqx.Module):
-    """Whether a step turns no face too far and crushes none: a line search that jumps over such states can fold the
-    shell."""
-
-    energy: DiscreteEnergy
-
-    def __call__(self, y: Float[Array, " n"], y_new: Float[Array, " n"]) -> Array:
-        if self.energy.faces is None:
-            return jnp.array(True)
-        mesh = self.energy.faces.mesh
-        old, new = (Triangles(self.energy.state(at)[0], mesh) for at in (y, y_new))
-        turn = jnp.sum(old.area_normal * new.area_normal, axis=0)
-        return jnp.all((turn > _TURN * old.twice_area * new.twice_area) & (new.twice_area > _SHRINK * old.twice_area))
-
-
 def _stop(tree):
     return jax.tree.map(lambda leaf: jax.lax.stop_gradient(leaf) if eqx.is_inexact_array(leaf) else leaf, tree)
 
@@ -400,13 +388,6 @@ def _stop(tree):
 def _mean_edge_length(mesh: Mesh) -> Scalar:
     tail, head = mesh.vertices[mesh.edges[:, 0]], mesh.vertices[mesh.edges[:, 1]]
     return jnp.mean(jnp.linalg.norm(head - tail, axis=1))
-
-
-def _held_still(hessian: SparseSymmetric, motions: FreeMotions | None, y: Array) -> SparseSymmetric:
-    """The Hessian with as many coordinates held as motions are free."""
-    if motions is None:
-        return hessian
-    return hold(hessian, coordinates_to_hold(orthonormal(motions(y))))
 
 
 def _checked_thickness(thickness: float | Array, mesh: Mesh) -> Array:
@@ -425,6 +406,19 @@ def _checked_thickness(thickness: float | Array, mesh: Mesh) -> Array:
                 f"InverseProblem: the thickness{where} is {numbers[bad[0]]}; it must be positive and finite."
             )
     return thickness
+
+
+def _check_constraints(energy: AbstractEnergy, solver: optx.AbstractMinimiser) -> None:
+    for weight, term in energy.weighted_terms():
+        if not isinstance(term, Constraint):
+            continue
+        name = type(term).__name__
+        if not isinstance(solver, SparseNewton):
+            raise ValueError(
+                f"{name}: the multiplier of a constraint is found by SparseNewton only, not by {type(solver).__name__}."
+            )
+        if weight is not None:
+            raise ValueError(f"{name}: a constraint has no weight; give it a stiffness, or leave the weight out.")
 
 
 def _check_one_curvature(terms) -> None:

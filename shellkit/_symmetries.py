@@ -6,14 +6,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int
 
-from ._energy import AbstractEnergy, Assembly, DiscreteEnergy, EnergyTerm, FormEnergy
+from ._energy import AbstractEnergy, Assembly, Constraint, DiscreteEnergy, EnergyTerm, FormEnergy
 from ._mesh.mesh import Mesh
 from ._rest import RestShape
 from ._supports import Supports
 
 
 _TOLERANCE = 1e-9
-_SAMPLES = 3
+_SAMPLES = 6  # one term may resist as many motions
 
 
 class FreeMotions(eqx.Module):
@@ -87,7 +87,9 @@ def free_motions(
     work on it at several generic shapes.
     """
     centre, units = jnp.mean(mesh.vertices, axis=0), _units(mesh)
-    own = [term.engaged() for _, term in energy.weighted_terms() if isinstance(term, EnergyTerm)]
+    terms = [term for _, term in energy.weighted_terms()]
+    own = [term.engaged() for term in terms if isinstance(term, EnergyTerm)]
+    own += [term.measure() for term in terms if isinstance(term, Constraint)]
     hindrances = _work_on_motions(own, mesh, rest, centre, units) if own else np.zeros((0, 6))
     rows, held, clamped = hindrances, None, None
     if supports is not None:

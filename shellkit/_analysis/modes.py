@@ -77,8 +77,8 @@ def vibration_modes(problem: InverseProblem, count: int = 10, equilibrium: Equil
 
     **Raises:**
 
-    `ValueError` if `count` is out of range, or the Hessian is not finite or cannot be made positive definite by adding
-    mass.
+    `ValueError` if `count` is out of range, the energy has constraints, about which nothing is known here, or the
+    Hessian is not finite or cannot be made positive definite by adding mass.
 
     ??? cite "Source"
 
@@ -159,6 +159,8 @@ def _pencil(problem: InverseProblem, vertices: Float[Array, "V 3"], directors: F
     energy = problem.discrete_energy()
     y = assembly.restrict(assembly.join(vertices, directors))
     stiffness = energy.hessian(y)
+    if not isinstance(stiffness, SparseSymmetric):
+        raise ValueError("vibration_modes: the energy has constraints, about which it does not know; take them out.")
     areas = vertex_areas(mesh.vertices, mesh)
     mass = assembly.restrict(jnp.concatenate([jnp.repeat(areas, 3), jnp.zeros(assembly.n_directors)]))
     rigid = None

@@ -18,6 +18,10 @@ from .base import (
 )
 from .bending import Bending as Bending
 from .bending import DihedralBending as DihedralBending
+from .constraints import AreaConstraint as AreaConstraint
+from .constraints import Constraint as Constraint
+from .constraints import Inflation as Inflation
+from .constraints import VolumeConstraint as VolumeConstraint
 from .contact import PlaneContact as PlaneContact
 from .contact import SphereContact as SphereContact
 from .discrete import DiscreteEnergy as DiscreteEnergy

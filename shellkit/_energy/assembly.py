@@ -17,6 +17,7 @@ from .._solve.operator import SparseSymmetric
 from .._solve.pattern import SymmetricPattern
 from .._supports.base import Supports
 from .base import AbstractEnergy, EnergyTerm, FormEnergy
+from .constraints import Constraint
 from .convexity import Blocks, FaceHessians
 from .frames import Frames
 
@@ -70,6 +71,7 @@ class Assembly(eqx.Module):
                 parts.append(mesh.n_vertices + np.asarray(mesh.face_edges))
             face_nodes = np.hstack(parts)
         own = [term for term in terms if isinstance(term, EnergyTerm)]
+        own += [term.measure() for term in terms if isinstance(term, Constraint)]
         stencils = [np.asarray(term.stencil(mesh)) for term in own]
         for term, stencil in zip(own, stencils, strict=True):
             _check_stencil(type(term).__name__, stencil, mesh)
@@ -165,16 +167,17 @@ class Assembly(eqx.Module):
         return free if self.free is None else held.at[self.free].set(free)
 
     def vector(
-        self, faces: Float[Array, "m F"] | None, elements: tuple[Float[Array, "_ _ 3"], ...]
+        self, faces: Float[Array, "m F"] | None, elements: tuple[Float[Array, "_ _ 3"] | None, ...]
     ) -> Float[Array, " N"]:
-        """Add up the gradients of elements, over all unknowns."""
+        """Add up the gradients of elements, over all unknowns; `None` for those of a term that is left out."""
         total = jnp.zeros(self.size)
         if faces is not None:
             total = total.at[self.face_unknowns].add(faces, mode="drop")
         if elements:
             forces = jnp.zeros((self.n_vertices, 3))
             for stencil, gradient in zip(self.stencils, elements, strict=True):
-                forces = forces.at[stencil].add(gradient)
+                if gradient is not None:
+                    forces = forces.at[stencil].add(gradient)
             total = total.at[: 3 * self.n_vertices].add(forces.reshape(-1))
         if self.frames is not None:
             forces = self.frames.into(total[: 3 * self.n_vertices].reshape(-1, 3))

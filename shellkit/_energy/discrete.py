@@ -7,12 +7,15 @@ from jaxtyping import Array, Float, Scalar
 from .._geometry.patches import Continuation
 from .._mesh.mesh import Mesh
 from .._rest import RestShape
+from .._solve.bordered import Bordered
 from .._solve.operator import SparseSymmetric
 from .assembly import Assembly
 from .base import AbstractEnergy, EnergyTerm, FormEnergy
+from .constraints import Constraint
 from .convexity import FaceHessians
 from .elements import Elements
 from .faces import FaceEnergies
+from .quantities import Quantities
 
 
 class DiscreteEnergy(eqx.Module):
@@ -25,6 +28,7 @@ class DiscreteEnergy(eqx.Module):
     assembly: Assembly
     faces: FaceEnergies | None
     elements: tuple[Elements, ...]
+    quantities: Quantities | None  # what is held of the whole shell; None for nothing
     moments: Float[Array, " E"] | None  # on the edge normals, where directors are free; None for none
     held: Float[Array, " N"]
 
@@ -49,6 +53,7 @@ class DiscreteEnergy(eqx.Module):
             (weight, term, term.element_data(mesh, rest)) for weight, term in weighted if isinstance(term, FormEnergy)
         )
         own = [(weight, term) for weight, term in weighted if isinstance(term, EnergyTerm)]
+        constraints = [term for _, term in weighted if isinstance(term, Constraint)]
         bending = [term for _, term, _ in on_faces if term.form is not None]
         self.assembly = assembly
         self.faces = None
@@ -57,8 +62,9 @@ class DiscreteEnergy(eqx.Module):
             self.faces = FaceEnergies(on_faces, mesh, continuation, form, assembly.director_length)
         self.elements = tuple(
             Elements(term, weight, term.element_data(mesh, rest), stencil)
-            for (weight, term), stencil in zip(own, assembly.stencils, strict=True)
+            for (weight, term), stencil in zip(own, assembly.stencils[: len(own)], strict=True)
         )
+        self.quantities = Quantities.of(constraints, assembly.stencils[len(own) :], mesh, rest)
         self.moments = _director_moments(own, mesh) if assembly.n_directors else None
         self.held = held
 
@@ -73,6 +79,8 @@ class DiscreteEnergy(eqx.Module):
             total = total + self.faces.energy(vertices, directors)
         for elements in self.elements:
             total = total + elements.energy(vertices)
+        if self.quantities is not None:
+            total = total + self.quantities.energy(self.quantities.gaps(vertices))
         if self.moments is not None and directors is not None:
             total = total - self.moments @ directors
         return total
@@ -92,21 +100,52 @@ class DiscreteEnergy(eqx.Module):
 
     def derivatives(
         self, y: Float[Array, " n"]
-    ) -> tuple[Scalar, Float[Array, " n"], SparseSymmetric, "Convexification | None"]:
+    ) -> tuple[Scalar, Float[Array, " n"], SparseSymmetric | Bordered, "Convexification | None"]:
         """The energy, its gradient and its Hessian in the free unknowns, which share most of the work.
 
-        Last comes what makes the Hessian convex; only terms on faces have it.
+        The Hessian is a [`Bordered`][] matrix where quantities of the whole shell are held. Last comes what makes the Hessian convex; only terms on faces have it.
         """
         vertices, directors = self.state(y)
         total, on_faces, second = jnp.zeros(()), None, None
         if self.faces is not None:
             total, on_faces, second = self.faces.derivatives(vertices, directors)
         total, gradient = self._with_elements(total, on_faces, vertices, directors)
-        hessian = self.assembly.matrix(second, tuple(elements.hessian(vertices) for elements in self.elements))
         convexification = None if second is None else Convexification(self.assembly, second)
+        on_elements = [elements.hessian(vertices) for elements in self.elements]
+        held = self.quantities
+        if held is None:
+            hessian = self.assembly.matrix(second, tuple(on_elements))
+            return total, self.assembly.restrict(gradient), hessian, convexification
+        forces = held.forces(held.gaps(vertices))
+        curvatures = [measure.hessian(vertices) for measure in held.measures]
+        on_elements += [None if c is None else f * c for f, c in zip(forces, curvatures, strict=True)]
+        sparse = self.assembly.matrix(second, tuple(on_elements))
+        hessian = Bordered(sparse, self.rows(y), 1 / held.penalties, eliminated=True)
         return total, self.assembly.restrict(gradient), hessian, convexification
 
-    def hessian(self, y: Float[Array, " n"]) -> SparseSymmetric:
+    def rows(self, y: Float[Array, " n"]) -> Float[Array, "m n"]:
+        """The gradients, in the free unknowns, of the quantities that are held."""
+        vertices, _ = self.state(y)
+        measures = () if self.quantities is None else self.quantities.measures
+        rows, absent = [], [None] * len(self.assembly.stencils)
+        for k, measure in enumerate(measures):
+            at = len(self.elements) + k
+            parts = (*absent[:at], measure.value_and_gradient(vertices)[1], *absent[at + 1 :])
+            rows.append(self.assembly.restrict(self.assembly.vector(None, parts)))
+        return jnp.stack(rows)
+
+    def gaps(self, y: Float[Array, " n"]) -> Float[Array, " m"]:
+        """By how much the quantities that are held exceed their values."""
+        assert self.quantities is not None
+        return self.quantities.gaps(self.state(y)[0])
+
+    def held_by(self, multipliers: Float[Array, " m"], penalties: Float[Array, " m"] | None = None) -> "DiscreteEnergy":
+        """This energy with the quantities that are held under other forces, without a penalty by default."""
+        assert self.quantities is not None
+        penalties = jnp.zeros_like(multipliers) if penalties is None else penalties
+        return eqx.tree_at(lambda e: e.quantities, self, self.quantities.held_by(multipliers, penalties))
+
+    def hessian(self, y: Float[Array, " n"]) -> SparseSymmetric | Bordered:
         """The Hessian in the free unknowns."""
         return self.derivatives(y)[2]
 
@@ -126,6 +165,12 @@ class DiscreteEnergy(eqx.Module):
             value, gradient = elements.value_and_gradient(vertices)
             total = total + value
             gradients.append(gradient)
+        if self.quantities is not None:
+            measured = [measure.value_and_gradient(vertices) for measure in self.quantities.measures]
+            gaps = jnp.stack([value for value, _ in measured]) - self.quantities.targets
+            total = total + self.quantities.energy(gaps)
+            forces = self.quantities.forces(gaps)
+            gradients += [force * gradient for force, (_, gradient) in zip(forces, measured, strict=True)]
         assembled = self.assembly.vector(on_faces, tuple(gradients))
         if self.moments is not None and directors is not None:
             total = total - self.moments @ directors

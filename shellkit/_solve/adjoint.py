@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .bordered import Bordered, BorderedSolver
 from .direct import AbstractSparseSolver
 from .motions import coordinates_to_hold, hold, orthonormal, project_out
 from .newton import solve_held
@@ -22,7 +23,7 @@ def differentiable_minimum(
     energy: Any,
     y: Float[Array, " n"],
     motions: Callable[[Array], Array] | None,
-    linear_solver: AbstractSparseSolver,
+    linear_solver: AbstractSparseSolver | BorderedSolver,
 ) -> Float[Array, " n"]:
     r"""The minimum `y` of `energy`, with the derivative that it has as a function of the arrays in `energy`.
 
@@ -81,7 +82,9 @@ def _solve(energy, y, force, motions, linear_solver) -> Float[Array, " n"]:
 
     def solve(_, rhs):
         precondition = lambda residual: solve_held(linear_solver, factor, basis, held, residual, checked=False)
-        return _conjugate_gradients(hessian.mv, precondition, project_out(basis, rhs))
+        # With multipliers the matrix is indefinite, where conjugate gradients may break down.
+        iterate = _refinement if isinstance(hessian, Bordered) else _conjugate_gradients
+        return iterate(hessian.mv, precondition, project_out(basis, rhs))
 
     return jax.lax.custom_linear_solve(product, force, solve, symmetric=True)
 
@@ -112,4 +115,25 @@ def _conjugate_gradients(product, precondition, rhs: Float[Array, " n"]) -> Floa
     z = precondition(rhs)
     start = (jnp.zeros_like(rhs), rhs, z, z, scale, jnp.inf, 0)
     x, *_, norm, _, _ = jax.lax.while_loop(unsolved, step, start)
+    return jnp.where(norm <= _WORST_RESIDUAL * scale, x, jnp.nan)
+
+
+def _refinement(product, precondition, rhs: Float[Array, " n"]) -> Float[Array, " n"]:
+    """Solve with what is nearly the inverse of any matrix, by taking its residuals away: a step or two, or NaN."""
+    scale = jnp.linalg.norm(rhs)
+
+    def step(carry):
+        x, residual, norm, _, count = carry
+        new = x + precondition(residual)
+        left = rhs - product(new)
+        size = jnp.linalg.norm(left)
+        better = size < norm
+        return jnp.where(better, new, x), jnp.where(better, left, residual), jnp.minimum(size, norm), norm, count + 1
+
+    def unsolved(carry):
+        *_, norm, last, count = carry
+        return (norm > _RESIDUAL * scale) & (norm < 0.5 * last) & (count < _MAX_STEPS)
+
+    start = (jnp.zeros_like(rhs), rhs, scale, jnp.inf, 0)
+    x, _, norm, _, _ = jax.lax.while_loop(unsolved, step, start)
     return jnp.where(norm <= _WORST_RESIDUAL * scale, x, jnp.nan)

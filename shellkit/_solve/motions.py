@@ -5,6 +5,8 @@ and the
 free motions are projected out of right-hand side and solution, which then is that of the pseudo-inverse.
 """
 
+from typing import Any
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
@@ -35,10 +37,11 @@ def coordinates_to_hold(basis: Float[Array, "n k"]) -> Int[Array, " k"]:
     return jnp.stack(held)
 
 
-def hold(operator: SparseSymmetric, coordinates: Int[Array, " k"]) -> SparseSymmetric:
+def hold(operator: Any, coordinates: Int[Array, " k"]) -> Any:
     """The operator with rows and columns of some coordinates cleared, and a typical number on their diagonal."""
+    if not isinstance(operator, SparseSymmetric):
+        return operator.holding(coordinates)
     pattern = operator.pattern
     keep = jnp.ones(pattern.n).at[coordinates].set(0.0)
     values = operator.values * keep[pattern.rows] * keep[pattern.indices]
-    typical = jnp.mean(jnp.abs(operator.values[pattern.diagonal]))
-    return SparseSymmetric(pattern, values.at[pattern.diagonal[coordinates]].set(typical))
+    return SparseSymmetric(pattern, values.at[pattern.diagonal[coordinates]].set(operator.size_of_diagonal()))

@@ -10,6 +10,7 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int, PyTree, Scalar
 
 from .._papers import NOCEDAL_2006
+from .bordered import Bordered, BorderedFactor
 from .choose import default_direct_solver
 from .direct import AbstractSparseSolver, Factor
 from .motions import coordinates_to_hold, hold, orthonormal, project_out
@@ -39,7 +40,7 @@ class _Scene(eqx.Module):
     """What the method asks of the function that it minimises; see `SparseNewton`."""
 
     value_and_gradient: Callable[[Array], tuple[Scalar, Array]]
-    derivatives: Callable[[Array], tuple[Scalar, Array, SparseSymmetric, _Convexification | None]]
+    derivatives: Callable[[Array], tuple[Scalar, Array, SparseSymmetric | Bordered, _Convexification | None]]
     feasible: Callable[[Array, Array], Bool[Array, ""]]
     motions: Callable[[Array], Array] | None
     length: Scalar
@@ -58,7 +59,7 @@ class NewtonState(eqx.Module):
 
     point: Point
     shift: Scalar
-    factor: Factor
+    factor: Factor | BorderedFactor
     held: Int[Array, " k"] | None  # the coordinates that were held in the factor
     factorisations: Int[Array, ""]
     leaving: Bool[Array, ""]  # a saddle was reached: the next step follows negative curvature
@@ -134,9 +135,10 @@ class SparseNewton(optx.AbstractMinimiser):
         scene = self._scene(fn, args, options)
         # The first step evaluates where it stands, as every step does.
         nowhere = Point(y, jnp.zeros((), y.dtype), jnp.zeros_like(y))
+        solver: Any = self.linear_solver  # of sparse matrices, or of bordered ones
         blank = jax.tree.map(
             lambda struct: jnp.zeros(struct.shape, struct.dtype),
-            eqx.filter_eval_shape(lambda y: self.linear_solver.factorise(scene.derivatives(y)[2]), y),
+            eqx.filter_eval_shape(lambda y: solver.factorise(scene.derivatives(y)[2]), y),
         )
         held = None if scene.motions is None else jnp.zeros(scene.motions(y).shape[1], int)
         no = jnp.array(False)
@@ -181,15 +183,16 @@ class SparseNewton(optx.AbstractMinimiser):
     def _factorise(
         self,
         state: NewtonState,
-        hessian: SparseSymmetric,
+        hessian: SparseSymmetric | Bordered,
         convexification: _Convexification | None,
         basis: Float[Array, "n k"] | None,
         held: Int[Array, " k"] | None,
         rhs: Array,
-    ) -> tuple[Factor, Float[Array, " n"], Scalar, Int[Array, ""]]:
+    ) -> tuple[Factor | BorderedFactor, Float[Array, " n"], Scalar, Int[Array, ""]]:
         """Factorise the Hessian with the smallest shift tried, from the last one up, that leaves no negative
         eigenvalue; and solve for one right-hand side."""
-        unit = jnp.mean(jnp.abs(hessian.values[hessian.pattern.diagonal]))
+        unit = hessian.size_of_diagonal()
+        solver: Any = self.linear_solver
         if held is not None:
             rhs = project_out(basis, rhs).at[held].set(0.0)
 
@@ -203,14 +206,15 @@ class SparseNewton(optx.AbstractMinimiser):
                 lift = jax.lax.cond(first, lambda make: make().values, lambda _: lift, convexification)
                 matrix = _convexified(hessian, lift, next_shift, unit)
             matrix = matrix if held is None else hold(matrix, held)
-            factor, solution = self.linear_solver.factorise_and_solve(matrix, rhs)
+            factor, solution = solver.factorise_and_solve(matrix, rhs)
             # A try costs as much as a step: they lie ever further apart, at first too, where the way is long.
             stride = tries + jnp.where(state.factorisations == 0, 3, 1)
             higher = jnp.maximum(next_shift, _SMALLEST_SHIFT) * _SHIFT_GROWTH**stride
             return factor, solution, higher, next_shift, tries + 1, lift
 
         unfit = lambda carry: (carry[4] == 0) | (~_usable(carry[0]) & (carry[4] < _MAX_SHIFTS))
-        no_lift = None if convexification is None else jnp.zeros_like(hessian.values)
+        sparse = hessian.sparse if isinstance(hessian, Bordered) else hessian
+        no_lift = None if convexification is None else jnp.zeros_like(sparse.values)
         start = (state.factor, rhs, state.shift, state.shift, jnp.zeros((), jnp.int32), no_lift)
         factor, solution, _, shift, tries, _ = jax.lax.while_loop(unfit, attempt, start)
         return factor, project_out(basis, solution), shift, tries
@@ -223,7 +227,9 @@ class SparseNewton(optx.AbstractMinimiser):
         return y, aux, {"factorisations": state.factorisations}
 
 
-def _convexified(hessian: SparseSymmetric, lift: Float[Array, " nnz"], shift: Scalar, unit: Scalar) -> SparseSymmetric:
+def _convexified(
+    hessian: SparseSymmetric | Bordered, lift: Float[Array, " nnz"], shift: Scalar, unit: Scalar
+) -> SparseSymmetric | Bordered:
     """The Hessian with a part of what makes it convex, all of it as the shift grows.
 
     Compressed shells have negative eigenvalues far beyond the first one to buckle. With a multiple of the identity the
@@ -233,17 +239,17 @@ def _convexified(hessian: SparseSymmetric, lift: Float[Array, " nnz"], shift: Sc
     part = shift / (shift + _HALF_CONVEX)
     # What other terms may have of negative curvature is left to the identity, once nothing else helps.
     damping = _DAMPING * shift * (1 + shift) ** 2 * unit
-    return SparseSymmetric(hessian.pattern, hessian.values + part * lift).shifted(damping)
+    return hessian.plus(part * lift).shifted(damping)
 
 
-def _usable(factor: Factor) -> Bool[Array, ""]:
+def _usable(factor: Factor | BorderedFactor) -> Bool[Array, ""]:
     """Whether the matrix is positive definite; a solver that cannot count says so by failing."""
     return factor.ok & (factor.negative <= 0)
 
 
 def solve_held(
-    linear_solver: AbstractSparseSolver,
-    factor: Factor,
+    linear_solver: Any,
+    factor: Factor | BorderedFactor,
     basis: Float[Array, "n k"] | None,
     held: Int[Array, " k"] | None,
     rhs: Float[Array, " n"],

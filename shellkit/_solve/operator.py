@@ -78,6 +78,14 @@ class SparseSymmetric(lx.AbstractLinearOperator):
         values = self.values.at[self.pattern.diagonal].add(shift, unique_indices=True, indices_are_sorted=True)
         return eqx.tree_at(lambda operator: operator.values, self, values)
 
+    def plus(self, values: Float[Array, "nnz"]) -> "SparseSymmetric":
+        """This matrix plus another one of the same pattern, given by its values."""
+        return eqx.tree_at(lambda operator: operator.values, self, self.values + values)
+
+    def size_of_diagonal(self) -> Float[Array, ""]:
+        """The mean size of the diagonal entries."""
+        return jnp.mean(jnp.abs(self.values[self.pattern.diagonal]))
+
 
 def symmetric_product(
     pattern: SymmetricPattern, values: Inexact[Array, "nnz"], vector: Inexact[Array, "n"]

@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .bordered import BorderedSolver
 from .direct import AbstractSparseSolver
 from .motions import coordinates_to_hold, hold, orthonormal
 from .newton import solve_held
@@ -18,7 +19,7 @@ def responding_minimum(
     energy: Any,
     y: Float[Array, " n"],
     motions: Callable[[Array], Array] | None,
-    linear_solver: AbstractSparseSolver,
+    linear_solver: AbstractSparseSolver | BorderedSolver,
 ) -> Float[Array, " n"]:
     r"""The minimum `y` of `energy`, with its first derivative in the arrays of `energy`.
 

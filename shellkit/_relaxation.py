@@ -1,0 +1,125 @@
+"""The minimum of an energy, by Newton's method or another minimiser; with quantities of the whole shell held or not."""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import optimistix as optx
+from jaxtyping import Array, Bool, Float, Int, Scalar
+
+from ._energy import DiscreteEnergy
+from ._geometry.patches import Triangles
+from ._holding import Held, relax_held
+from ._solve.bordered import BorderedSolver
+from ._solve.direct import AbstractSparseSolver
+from ._solve.motions import coordinates_to_hold, hold, orthonormal
+from ._solve.newton import NewtonState, SparseNewton
+from ._symmetries import FreeMotions
+
+
+_TURN, _SHRINK = 0.34, 0.2  # no face may turn further than cos = 0.34 (70 degrees) or shrink below a fifth in one step
+
+
+class End(eqx.Module):
+    """Where a minimiser has come to, and how."""
+
+    y: Float[Array, " n"]
+    value: Scalar
+    gradient: Float[Array, " n"]
+    steps: Int[Array, ""]
+    factorisations: Int[Array, ""]
+    stable: Bool[Array, ""]
+    result: optx.RESULTS
+
+
+def minimised(
+    energy: DiscreteEnergy,
+    y: Float[Array, " n"],
+    motions: FreeMotions | None,
+    length: Scalar,
+    solver: optx.AbstractMinimiser,
+    linear_solver: AbstractSparseSolver,
+    max_steps: int,
+) -> End:
+    """The minimum of an energy.
+
+    **Arguments:**
+
+    - `energy`: of which nothing is differentiated.
+    - `y`: where to start.
+    - `motions`: that cost nothing.
+    - `length`: a typical one, such as that of an edge.
+    - `solver`, `max_steps`: the minimiser and its limit.
+    - `linear_solver`: that looks at the Hessian where the minimiser does not.
+    """
+    solution = optx.minimise(
+        lambda y, _: energy(y),
+        solver,
+        y,
+        options=_options(energy, motions, length),
+        max_steps=max_steps,
+        throw=False,
+    )
+    if isinstance(solution.state, NewtonState):
+        point = solution.state.point
+        value, gradient = point.value, point.gradient
+        stable = solution.result == optx.RESULTS.successful
+        factorisations = solution.stats["factorisations"]
+    else:
+        value, gradient = energy.value_and_gradient(solution.value)
+        factor = linear_solver.factorise(_held_still(energy.hessian(solution.value), motions, solution.value))
+        stable = factor.ok & (factor.negative <= 0)
+        factorisations = jnp.ones((), jnp.int32)
+    steps = solution.stats["num_steps"]
+    return End(solution.value, value, gradient, steps, factorisations, stable, solution.result)
+
+
+def minimised_held(
+    energy: DiscreteEnergy,
+    y: Float[Array, " n"],
+    multipliers: Float[Array, " m"] | None,
+    motions: FreeMotions | None,
+    length: Scalar,
+    solver: SparseNewton,
+    max_steps: int,
+) -> tuple[End, Held]:
+    """The minimum of an energy with its quantities at their values; also how it was found. See [`minimised`][]."""
+    bordered = eqx.tree_at(lambda s: s.linear_solver, solver, BorderedSolver(solver.linear_solver))
+    held = relax_held(bordered, lambda e: _options(e, motions, length), energy, y, multipliers, max_steps)
+    result = optx.RESULTS.where(
+        held.settled | (held.result != optx.RESULTS.successful), held.result, optx.RESULTS.nonlinear_divergence
+    )
+    return End(held.y, held.value, held.gradient, held.steps, held.factorisations, held.settled, result), held
+
+
+class Feasible(eqx.Module):
+    """Whether a step turns no face too far and crushes none: a line search that jumps over such states can fold the
+    shell."""
+
+    energy: DiscreteEnergy
+
+    def __call__(self, y: Float[Array, " n"], y_new: Float[Array, " n"]) -> Array:
+        if self.energy.faces is None:
+            return jnp.array(True)
+        mesh = self.energy.faces.mesh
+        old, new = (Triangles(self.energy.state(at)[0], mesh) for at in (y, y_new))
+        turn = jnp.sum(old.area_normal * new.area_normal, axis=0)
+        return jnp.all((turn > _TURN * old.twice_area * new.twice_area) & (new.twice_area > _SHRINK * old.twice_area))
+
+
+def _options(energy: DiscreteEnergy, motions: FreeMotions | None, length: Scalar) -> dict[str, Any]:
+    """What a minimiser is told of an energy beside its value."""
+    return {
+        "value_and_gradient": energy.value_and_gradient,
+        "derivatives": energy.derivatives,
+        "feasible": Feasible(energy),
+        "motions": motions,
+        "length": length,
+    }
+
+
+def _held_still(hessian: Any, motions: FreeMotions | None, y: Array) -> Any:
+    """The Hessian with as many coordinates held as motions are free."""
+    if motions is None:
+        return hessian
+    return hold(hessian, coordinates_to_hold(orthonormal(motions(y))))
