@@ -34,6 +34,15 @@ from ._analysis import (
     taylor_test as taylor_test,
     vibration_modes as vibration_modes,
 )
+from ._continuation import (
+    ArcLength as ArcLength,
+    Branch as Branch,
+    CriticalPoint as CriticalPoint,
+    DistinctEquilibria as DistinctEquilibria,
+    distinct_equilibria as distinct_equilibria,
+    switch_branch as switch_branch,
+    trace as trace,
+)
 from ._checkpoint import load_checkpoint as load_checkpoint
 from ._energy import (
     AreaConstraint as AreaConstraint,

@@ -211,7 +211,7 @@ class InverseProblem(eqx.Module):
             end, held = minimised_held(still, y0, first, motions, length, self.solver, self._step_limit())
             y, multipliers = differentiable_held(energy, held, motions, linear_solver)
             energy = energy.held_by(multipliers)
-        vertices, directors, reactions = self._posed(energy, y)
+        vertices, directors, reactions = self.posed(energy, y)
         return self._report(still, end, vertices, directors, reactions, multipliers)
 
     def _report(
@@ -300,7 +300,7 @@ class InverseProblem(eqx.Module):
             equilibrium = eqx.tree_at(
                 lambda e: (e.vertices, e.directors, e.reactions, e.multipliers, e.rest, e.mesh),
                 equilibrium,
-                (*self._posed(energy, y), multipliers, self.rest_shape(), self.mesh),
+                (*self.posed(energy, y), multipliers, self.rest_shape(), self.mesh),
                 is_leaf=lambda x: x is None,
             )
         else:
@@ -358,7 +358,7 @@ class InverseProblem(eqx.Module):
     def _linear_solver(self) -> AbstractSparseSolver:
         return self.solver.linear_solver if isinstance(self.solver, SparseNewton) else default_direct_solver()
 
-    def _posed(self, energy: DiscreteEnergy, y: Float[Array, " n"]) -> tuple[Array, Array | None, Array | None]:
+    def posed(self, energy: DiscreteEnergy, y: Float[Array, " n"]) -> tuple[Array, Array | None, Array | None]:
         """Positions, directors and reactions at the free unknowns, in a pose that is defined."""
         vertices, directors = energy.state(y)
         reactions = None

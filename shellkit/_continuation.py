@@ -1,0 +1,443 @@
+"""Arc-length continuation: equilibria followed through limit points, where a load has to fall, and past bifurcations.
+
+How much of the load is on is an unknown like the others; the length of the step along the path of equilibria is what is
+given."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Bool, Float, Int, Scalar
+
+from ._energy import Constraint
+from ._equilibrium import RESULTS, Equilibrium
+from ._geometry.surface import edge_lengths
+from ._problem import InverseProblem
+from ._solve.choose import default_direct_solver
+from ._solve.motions import coordinates_to_hold, hold, orthonormal
+from ._solve.newton import SparseNewton, solve_held
+from ._solve.operator import SparseSymmetric
+
+
+_MAX_CORRECTIONS = 12
+_TOLERANCE = 1e-11  # of the last correction, relative to an edge
+_FEW = 4  # corrections that are neither many nor few: steps grow where they take less, and shrink where more
+_GROWTH = 1.6
+_REFINEMENTS = 30
+_INVERSE_ITERATIONS = 6
+
+
+class ArcLength(eqx.Module):
+    """Steps of a length along the path of equilibria, from nothing on: through snap-through and snap-back.
+
+    A step that does not converge is halved; one that converges at once makes the next one longer. Use
+    [`shellkit.Ramp`][] where the load only rises and the shape at its end is all that is wanted: that is cheaper, and
+    its end can be differentiated.
+    """
+
+    first: float = eqx.field(static=True)
+    steps: int = eqx.field(static=True)
+    longest: float = eqx.field(static=True)
+    halvings: int = eqx.field(static=True)
+
+    def __init__(self, first: float = 0.05, steps: int = 200, longest: float = 4.0, halvings: int = 8):
+        """**Arguments:**
+
+        - `first`: the progress, of 1, that the first step makes.
+        - `steps`: how many there may be.
+        - `longest`: a step over the first one in length.
+        - `halvings`: how short one may become: the first over two to this power.
+
+        **Raises:**
+
+        `ValueError` for numbers that are not positive.
+        """
+        if not first > 0 or steps < 1 or not longest > 0 or halvings < 0:
+            raise ValueError(f"ArcLength({first=}, {steps=}, {longest=}, {halvings=}): all of them must be positive.")
+        self.first, self.steps, self.longest, self.halvings = float(first), steps, float(longest), halvings
+
+
+class CriticalPoint(eqx.Module):
+    """An equilibrium on a path where stability changes: a limit point, or a bifurcation."""
+
+    kind: str = eqx.field(static=True)
+    """`"limit point"`, where progress turns round, or `"bifurcation"`, where another path crosses."""
+    progress: Float[Array, ""]
+    equilibrium: Equilibrium
+    mode: Float[Array, "V 3"]
+    """The direction in which the equilibrium is neither stable nor unstable, as displacements of length one in all."""
+    unknowns: Float[Array, " n"]
+    null: Float[Array, " n"]
+    """The same among the free unknowns."""
+
+
+class Branch(eqx.Module):
+    """Equilibria along a path, in the order in which they were met; printing it shows them as a table."""
+
+    progress: Float[Array, " n"]
+    """How much of actuation, loads and motion is on at each; it falls where the path turns back."""
+    equilibria: tuple[Equilibrium, ...]
+    negative: Int[Array, " n"]
+    """How many eigenvalues of the Hessian are negative at each; 0 is stable."""
+    critical: tuple[CriticalPoint, ...]
+    """The limit points and bifurcations on the way."""
+    complete: bool = eqx.field(static=True)
+    """Whether the whole of the load was reached; else it ran out of steps, or of halvings."""
+
+    @property
+    def vertices(self) -> Float[Array, "n V 3"]:
+        """Positions along the path."""
+        return jnp.stack([equilibrium.vertices for equilibrium in self.equilibria])
+
+    @property
+    def energies(self) -> Float[Array, " n"]:
+        """Energies along the path."""
+        return jnp.stack([equilibrium.energy for equilibrium in self.equilibria])
+
+    def __str__(self) -> str:
+        lines = ["progress        energy  negative"]
+        for progress, at, negative in zip(self.progress, self.equilibria, self.negative, strict=True):
+            lines.append(f"{float(progress):8.5f}  {float(at.energy):12.5e}  {int(negative):8d}")
+        lines += [f"{point.kind} at {float(point.progress):.6f}" for point in self.critical]
+        return "\n".join(lines)
+
+
+class _Point(eqx.Module):
+    """A point on a path, and the unit direction in which the path goes on."""
+
+    y: Float[Array, " n"]
+    progress: Scalar
+    along: Float[Array, " n"]
+    progress_along: Scalar
+    negative: Int[Array, ""]
+    converged: Bool[Array, ""]
+    corrections: Int[Array, ""]
+    gradient_norm: Scalar
+
+
+def trace(
+    problem: InverseProblem, path: ArcLength | None = None, start: Equilibrium | None = None, end: float = 1.0
+) -> Branch:
+    """Follow equilibria from none of actuation, loads and prescribed motion to all of them, wherever the path leads.
+
+    The number of negative eigenvalues is told by the factor at each point. Where it changes a limit point or a
+    bifurcation lies between, which is then found by bisection. On the host; not for use under `jax.jit`, and not
+    differentiable: [`shellkit.relax`][] from an equilibrium found here is.
+
+    **Arguments:**
+
+    - `problem`: the shell.
+    - `path`: by default `ArcLength()`.
+    - `start`: the equilibrium at no progress; by default the surface at rest.
+    - `end`: the progress at which to stop; as much in the other direction stops too.
+
+    **Returns:**
+
+    The [`shellkit.Branch`][], its last equilibrium at `end` if it is complete.
+
+    **Raises:**
+
+    `ValueError` if there is no equilibrium to start from, if the energy has constraints, and under transformations.
+
+    ??? cite "Source"
+
+        H. B. Keller, "Numerical solution of bifurcation and nonlinear eigenvalue problems", in P. H. Rabinowitz (ed.),
+        "Applications of Bifurcation Theory" (Academic Press, 1977), 359–384: pseudo-arclength. The signs of pivots as
+        in E. Riks, "An incremental approach to the solution of snapping and buckling problems", Int. J. Solids Struct.
+        15 (1979), 529–551.
+    """
+    path = ArcLength() if path is None else path
+    _check(problem, start)
+    vertices, directors = (problem.mesh.vertices, None) if start is None else (start.vertices, start.directors)
+    y = problem.assembly.restrict(problem.assembly.join(vertices, directors))
+    zero, none = jnp.zeros(()), jnp.zeros_like(y)
+    # Counted so that, at the start, progress and displacement have equal parts in the length of a step.
+    here = _corrected(problem, y, zero, none, jnp.ones(()), jnp.ones(()))
+    if not here.converged:
+        raise ValueError(
+            "trace: there is no equilibrium at the start, with nothing of the load on. Relax problem.at(0.0), and give "
+            "the result as start."
+        )
+    weight = jnp.sum((here.along / here.progress_along) ** 2)
+    here = _corrected(problem, here.y, here.progress, here.along, here.progress_along, weight)
+    here = _towards(here, here.progress_along)
+    return _walk(problem, path, here, weight, path.first / here.progress_along, end)
+
+
+def switch_branch(
+    problem: InverseProblem, point: CriticalPoint, size: float, path: ArcLength | None = None, end: float = 1.0
+) -> Branch:
+    """Leave a path at a bifurcation, for the one that crosses it there.
+
+    **Arguments:**
+
+    - `problem`: the shell.
+    - `point`: a bifurcation on a [`shellkit.Branch`][] of it.
+    - `size`: how far to go along its mode at first, as the largest displacement of a vertex; with a minus, the other
+        way.
+    - `path`: how to go on; the length of its first step is that of `size`.
+    - `end`: the progress at which to stop.
+
+    **Returns:**
+
+    The [`shellkit.Branch`][], from the first point off the bifurcation on.
+
+    **Raises:**
+
+    `ValueError` if no other path is found at this distance.
+    """
+    path = ArcLength() if path is None else path
+    scale = size / jnp.max(jnp.linalg.norm(point.mode, axis=1))
+    weight, zero = jnp.ones(()), jnp.zeros(())
+    ahead = point.null * jnp.sign(scale)
+    there = _corrected(problem, point.unknowns + scale * point.null, point.progress, ahead, zero, weight)
+    if not there.converged:
+        raise ValueError("switch_branch: no other path at this distance from the bifurcation; give a smaller size.")
+    there = _towards(there, ahead @ there.along)
+    return _walk(problem, path, there, weight, jnp.abs(scale) * jnp.linalg.norm(point.null), end)
+
+
+def _walk(problem: InverseProblem, path: ArcLength, here: _Point, weight: Scalar, first: Scalar, end: float) -> Branch:
+    """Steps from a point on, of a length that adapts."""
+    length, points, critical, complete = float(first), [here], [], False
+    while len(points) <= path.steps and length >= float(first) / 2**path.halvings:
+        there = _step(problem, here, jnp.asarray(length), weight)
+        turned = _product(there, here, weight) if there.converged else 0.0
+        if not there.converged or turned < 0.5:
+            length *= 0.5
+            continue
+        if (float(there.progress) - end) * (float(here.progress) - end) <= 0 and float(here.progress) != end:
+            share = (end - here.progress) / (there.progress - here.progress)
+            guess = here.y + share * (there.y - here.y)
+            last = _corrected(problem, guess, jnp.asarray(end), jnp.zeros_like(guess), jnp.ones(()), weight)
+            if last.converged:
+                there, complete = last, True
+        critical += _between(problem, here, there, length, weight)
+        points.append(there)
+        if complete or float(there.progress) <= -abs(end):
+            break
+        corrections = max(int(there.corrections), 1)
+        length = min(length * min(_GROWTH, _FEW / corrections), path.longest * float(first))
+        here = there
+    equilibria = tuple(_equilibrium(problem, point) for point in points)
+    return Branch(
+        progress=jnp.stack([point.progress for point in points]),
+        equilibria=equilibria,
+        negative=jnp.stack([point.negative for point in points]),
+        critical=tuple(critical),
+        complete=complete,
+    )
+
+
+def _between(
+    problem: InverseProblem, here: _Point, there: _Point, length: float, weight: Scalar
+) -> list[CriticalPoint]:
+    """The point between two of a path at which stability changes, if there is one: by bisection of the step."""
+    turns = float(here.progress_along) * float(there.progress_along) < 0
+    if int(here.negative) == int(there.negative) and not turns:
+        return []
+    low, high, found = 0.0, length, there
+    for _ in range(_REFINEMENTS):
+        middle = 0.5 * (low + high)
+        point = _step(problem, here, jnp.asarray(middle), weight)
+        if not point.converged:
+            break
+        found = point
+        passed = (
+            float(point.progress_along) * float(here.progress_along) < 0
+            if turns
+            else (int(point.negative) != int(here.negative))
+        )
+        low, high = (low, middle) if passed else (middle, high)
+    null = _null(problem, found)
+    still = jnp.zeros(problem.assembly.size)
+    mode, _ = problem.assembly.split(problem.assembly.extend(null, still))
+    return [
+        CriticalPoint(
+            kind="limit point" if turns else "bifurcation",
+            progress=found.progress,
+            equilibrium=_equilibrium(problem, found),
+            mode=mode / jnp.linalg.norm(mode),
+            unknowns=found.y,
+            null=null / jnp.linalg.norm(mode),
+        )
+    ]
+
+
+def _product(one: _Point, other: _Point, weight: Scalar) -> float:
+    """The cosine between the directions at two points."""
+    return float(one.along @ other.along + weight * one.progress_along * other.progress_along)
+
+
+def _towards(point: _Point, sign: Scalar) -> _Point:
+    """The point with the direction of its path turned round if a number is negative."""
+    directions = lambda p: (p.along, p.progress_along)
+    turn = jnp.where(sign < 0, -1.0, 1.0)
+    return eqx.tree_at(directions, point, (turn * point.along, turn * point.progress_along))
+
+
+def _step(problem: InverseProblem, here: _Point, length: Scalar, weight: Scalar) -> _Point:
+    """The point at a distance along the tangent, corrected in the plane square to it."""
+    guess = here.y + length * here.along
+    progress = here.progress + length * here.progress_along
+    return _corrected(problem, guess, progress, here.along, here.progress_along, weight)
+
+
+@eqx.filter_jit
+def _corrected(
+    problem: InverseProblem,
+    y: Float[Array, " n"],
+    progress: Scalar,
+    along: Float[Array, " n"],
+    progress_along: Scalar,
+    weight: Scalar,
+) -> _Point:
+    """The equilibrium in the plane through a point square to a direction, by Newton's method in all unknowns and
+    progress; and the direction of the path there."""
+    edge = jnp.mean(edge_lengths(problem.mesh.vertices, problem.mesh))
+
+    def look(carry):
+        at, t, *_, count = carry
+        gradient, change, solve, factor = _linearised(problem, at, t)
+        step, slope = -solve(gradient), -solve(change)
+        # In the plane: along · (y + step + δ slope − y₀) + weight progress_along (t + δ − t₀) = 0.
+        off = along @ (at + step - y) + weight * progress_along * (t - progress)
+        delta = -off / (along @ slope + weight * progress_along)
+        size = jnp.max(jnp.abs(step + delta * slope))
+        # The direction of the path: where the solution goes as progress does.
+        scale = jnp.sqrt(slope @ slope + weight)
+        sign = jnp.where(along @ slope + weight * progress_along < 0, -1.0, 1.0)
+        point = _Point(
+            at, t, sign * slope / scale, sign / scale, factor.negative, size < _TOLERANCE * edge, count,
+            jnp.linalg.norm(gradient),
+        )  # fmt: skip
+        return at + step + delta * slope, t + delta, point, count + 1
+
+    def unsolved(carry):
+        at, _, point, count = carry
+        return ~point.converged & (count < _MAX_CORRECTIONS) & jnp.all(jnp.isfinite(at))
+
+    no, zero = jnp.array(False), jnp.zeros(())
+    blank = _Point(y, progress, along, progress_along, jnp.zeros((), jnp.int32), no, jnp.zeros((), int), zero)
+    return jax.lax.while_loop(unsolved, look, (y, progress, blank, jnp.zeros((), int)))[2]
+
+
+def _linearised(problem: InverseProblem, y: Float[Array, " n"], progress: Scalar):
+    """Gradient, its change with progress, and a factor of the Hessian, with the function that solves by it."""
+    gradient, change = jax.jvp(
+        lambda t: problem.at(t).discrete_energy().gradient(y), (progress,), (jnp.ones_like(progress),)
+    )
+    now = problem.at(progress)
+    hessian = now.discrete_energy().hessian(y)
+    solver = problem.solver.linear_solver if isinstance(problem.solver, SparseNewton) else default_direct_solver()
+    basis = held = None
+    motions = now.rigid_motions()
+    if motions is not None:
+        basis = orthonormal(motions(y))
+        held = coordinates_to_hold(basis)
+        hessian = hold(hessian, held)
+    assert isinstance(hessian, SparseSymmetric)  # as was checked at the start
+    factor = solver.factorise(hessian)
+    return gradient, change, lambda rhs: solve_held(solver, factor, basis, held, rhs), factor
+
+
+@eqx.filter_jit
+def _null(problem: InverseProblem, point: _Point) -> Float[Array, " n"]:
+    """The direction in which the Hessian nearly vanishes, by inverse iteration."""
+    _, _, solve, _ = _linearised(problem, point.y, point.progress)
+    vector = jax.random.normal(jax.random.key(0), point.y.shape, point.y.dtype)
+    refine = lambda _, v: (lambda w: w / jnp.linalg.norm(w))(solve(v))
+    vector = jax.lax.fori_loop(0, _INVERSE_ITERATIONS, refine, vector)
+    return vector * jnp.sign(vector[jnp.argmax(jnp.abs(vector))])
+
+
+@eqx.filter_jit
+def _equilibrium(problem: InverseProblem, point: _Point) -> Equilibrium:
+    now = problem.at(point.progress)
+    energy = now.discrete_energy()
+    vertices, directors, reactions = now.posed(energy, point.y)
+    blank = now.unrelaxed()
+    return eqx.tree_at(
+        lambda e: (e.vertices, e.directors, e.reactions, e.energy, e.gradient_norm, e.steps, e.stable),
+        blank,
+        (
+            vertices,
+            directors,
+            reactions,
+            energy(point.y),
+            point.gradient_norm,
+            point.corrections,
+            point.negative == 0,
+        ),
+        is_leaf=lambda x: x is None,
+    )
+
+
+def _check(problem: InverseProblem, start: Equilibrium | None) -> None:
+    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((problem, start))):
+        raise ValueError("trace takes as many steps as the path needs, so it cannot be traced by JAX: use relax.")
+    if any(isinstance(term, Constraint) for _, term in problem.energy.weighted_terms()):
+        raise ValueError("trace: the energy has constraints, about which it does not know; give a load instead.")
+
+
+class DistinctEquilibria(eqx.Module):
+    """Equilibria of one problem that differ in shape, in the order of their energies; printing it shows a table."""
+
+    equilibria: tuple[Equilibrium, ...]
+    found: tuple[int, ...] = eqx.field(static=True)
+    """From how many of the starts each was reached."""
+    failures: tuple[str, ...] = eqx.field(static=True)
+    """Why relaxations from other starts failed."""
+
+    def __str__(self) -> str:
+        lines = ["      energy  found  "]
+        for at, count in zip(self.equilibria, self.found, strict=True):
+            lines.append(f"{float(at.energy):12.5e}  {count:5d}  {'stable' if at.stable else 'unstable'}")
+        return "\n".join([*lines, *(f"failed: {reason}" for reason in self.failures)])
+
+
+def distinct_equilibria(
+    problem: InverseProblem, starts: int = 8, noise: float = 0.5, seed: int = 0, tolerance: float = 1e-4
+) -> DistinctEquilibria:
+    """Relax a shell from perturbed starts, and tell how many shapes it can take: the flat sheet that bends to one side
+    or the other, the shell that is stable inside out.
+
+    What is found depends on the starts: shapes that are not found may exist all the same. On the host.
+
+    **Arguments:**
+
+    - `problem`: the shell.
+    - `starts`: how many perturbed ones there are, beside the surface at rest itself.
+    - `noise`: the standard deviation of the displacement of a vertex, in edges.
+    - `seed`: of the random numbers.
+    - `tolerance`: how far, in edges, two shapes may be apart to count as one. They are brought together by a rigid
+        motion first where all six are free.
+
+    **Returns:**
+
+    The [`shellkit.DistinctEquilibria`][].
+    """
+    edge = float(jnp.mean(edge_lengths(problem.mesh.vertices, problem.mesh)))
+    rng = np.random.default_rng(seed)
+    rest = problem.unrelaxed()
+    shapes, counts, failures = [], [], []
+    for number in range(starts + 1):
+        shift = rng.normal(size=rest.vertices.shape) * noise * edge if number else 0.0
+        equilibrium = problem(eqx.tree_at(lambda e: e.vertices, rest, rest.vertices + shift))
+        if not equilibrium.converged:
+            failures.append(RESULTS[equilibrium.result])
+            continue
+        # Free shells come back in the pose nearest to the surface at rest, all alike.
+        same = [
+            k
+            for k, other in enumerate(shapes)
+            if float(jnp.max(jnp.abs(other.vertices - equilibrium.vertices))) < tolerance * edge
+        ]
+        if same:
+            counts[same[0]] += 1
+        else:
+            shapes.append(equilibrium)
+            counts.append(1)
+    order = sorted(range(len(shapes)), key=lambda k: float(shapes[k].energy))
+    return DistinctEquilibria(tuple(shapes[k] for k in order), tuple(counts[k] for k in order), tuple(failures))
