@@ -103,7 +103,8 @@ class DiscreteEnergy(eqx.Module):
     ) -> tuple[Scalar, Float[Array, " n"], SparseSymmetric | Bordered, "Convexification | None"]:
         """The energy, its gradient and its Hessian in the free unknowns, which share most of the work.
 
-        The Hessian is a [`Bordered`][] matrix where quantities of the whole shell are held. Last comes what makes the Hessian convex; only terms on faces have it.
+        The Hessian is a [`Bordered`][] matrix where quantities of the whole shell are held. Last comes what makes it
+        convex; only terms on faces have it.
         """
         vertices, directors = self.state(y)
         total, on_faces, second = jnp.zeros(()), None, None
