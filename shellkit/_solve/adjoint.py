@@ -103,10 +103,12 @@ def _conjugate_gradients(product, precondition, rhs: Float[Array, " n"]) -> Floa
         rho = residual @ z
         length = rho / (direction @ image)
         x, residual = x + length * direction, residual - length * image
-        new = precondition(residual)
+        size = jnp.linalg.norm(residual)
+        # The last residual needs no sweep of its own.
+        new = jax.lax.cond(size > _RESIDUAL * scale, precondition, lambda residual: residual, residual)
         # Polak and Ribière's form, for a preconditioner that is not exactly symmetric.
         beta = length * (-new @ image) / rho
-        return x, residual, new, new + beta * direction, jnp.linalg.norm(residual), norm, count + 1
+        return x, residual, new, new + beta * direction, size, norm, count + 1
 
     def unsolved(carry):
         *_, norm, last, count = carry
