@@ -1,0 +1,47 @@
+"""Cards 7 to 10 of the validation, on coarse meshes: plates, strips, large displacements and thin curved shells."""
+
+import pytest
+
+import shellkit as sk
+from benchmarks.validation.cards import elastica, large, locking, plate
+from benchmarks.validation.figures import Figure, order
+from benchmarks.validation.linear import displacement
+from benchmarks.validation.meshes import KINDS
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_plate_converges(kind):
+    found = {cells: plate.answers(plate.plate(kind, cells)) for cells in (12, 24)}
+    for name, exact in plate.EXACT.items():
+        figures = [Figure(name, kind, cells, exact, answer[name], 0.0) for cells, answer in found.items()]
+        assert order(figures) > 1.8
+        assert abs(figures[-1].error) < 1.2e-2  # four times that of 48 cells
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_cantilever_converges(kind):
+    moves = {cells: elastica.tip(elastica.relaxed(elastica.cantilever(kind, cells))[0]) for cells in elastica.SIZES[3]}
+    for axis, exact in ((0, -elastica.SHORTENING), (2, elastica.DEFLECTION)):
+        figures = [Figure("tip", kind, cells[0], exact, float(move[axis]), 0.0) for cells, move in moves.items()]
+        assert order(figures) > 1.8
+        assert abs(figures[-1].error) < 5e-3
+
+
+@pytest.mark.slow
+def test_hemisphere_is_moved_as_published():
+    problem = large.hemisphere("J", 24)
+    equilibrium = sk.relax(problem, path=sk.Ramp(10))
+    assert equilibrium.converged
+    for name, ours in large.moved(problem, equilibrium).items():
+        assert abs(ours / large.HEMISPHERE[1.0][name] - 1) < 1e-2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("scene", "kind"), [(locking.scordelis_lo, "J"), (locking.scordelis_lo, "X"), (locking.hypar, "J")]
+)
+def test_curved_shells_do_not_lock(scene, kind):
+    problem, read, exact = scene(kind, 32)
+    assert abs(read(displacement(problem)) / exact - 1) < 2e-2
