@@ -78,10 +78,10 @@ def fit_many(
     Without an executor they are fitted one after another. All share one compiled step, so that the first start alone
     pays for compilation; on a CPU nothing in one process is much faster. With `together`, all starts advance step by
     step in one compiled call. `"map"` relaxes them in turn: as fast as one after another, with less to do between steps
-    where a relaxation takes a millisecond or two. `"vmap"` relaxes them in lockstep: all wait for the slowest in every
-    step of the minimiser, and a direct solver keeps one factor, which it makes again for each start in turn, so on a
-    CPU it is the slowest; it suits minimisers without a factorisation, on an accelerator. With an executor, each start
-    is one job; its process compiles for itself, unless `JAX_COMPILATION_CACHE_DIR` is set.
+    where a relaxation takes a millisecond or two. `"vmap"` evaluates them at once: for problems of your own that need
+    no sparse solver; that of an [`shellkit.InverseProblem`][] cannot be batched, and in lockstep all would wait for the
+    slowest. With an executor, each start is one job; its process compiles for itself, unless
+    `JAX_COMPILATION_CACHE_DIR` is set.
 
     **Arguments:**
 

@@ -14,6 +14,7 @@ from jaxtyping import Array, Bool, Float, Int
 from ._design import Bounds, Design, split
 from ._fit_step import advance, evaluate, move, strong
 from ._history import FitResult, History
+from ._problem import InverseProblem
 
 
 class Lane(eqx.Module):
@@ -56,8 +57,13 @@ def fit_together(
     """Fits problems of one kind side by side, from rest; `keep` is given the number of each and its result, or the
     exception it failed with, when it ends.
 
-    **Raises:** `ValueError` for problems that are not of one kind.
+    **Raises:** `ValueError` for problems that are not of one kind, or that cannot be batched.
     """
+    if how == "vmap" and any(isinstance(problem, InverseProblem) for problem in problems):
+        raise ValueError(
+            "fit_many: the sparse solver behind the relaxation and the gradient of an InverseProblem cannot be batched "
+            'by jax.vmap; use together="map".'
+        )
     began = time.perf_counter()
     pairs = [split(problem, where, bounds) for problem in problems]
     _check_one_kind(pairs)

@@ -114,7 +114,7 @@ def test_together_what_does_not_fit(problems, options, message):
 
 @pytest.mark.slow
 def test_together_shells():
-    """Relaxations in turn and in lockstep end in the same shapes, and one that does not converge is left."""
+    """Relaxations in turn, one of which does not converge; a sparse solver is not batched."""
     mesh = sk.meshes.icosphere(subdivisions=0)
     problem = sk.InverseProblem(
         mesh=mesh,
@@ -127,12 +127,12 @@ def test_together_shells():
     angles = np.random.default_rng(0).uniform(0, np.pi, (3, mesh.n_faces))
     angles[1, 0] = np.nan
     starts = [eqx.tree_at(angle, problem, jnp.asarray(start)) for start in angles]
-    in_turn, in_lockstep = (fit_many(starts, adam, steps=3, where=angle, together=how) for how in ("map", "vmap"))
-    assert set(in_turn.failures) == set(in_lockstep.failures) == {1}
+    many = fit_many(starts, adam, steps=3, where=angle, together="map")
+    assert set(many.failures) == {1}
     for n in (0, 2):
-        found, other = in_turn.results[n].history, in_lockstep.results[n].history
-        assert found["converged"].all() and (np.diff(found["loss"]) < 0).all()
-        np.testing.assert_allclose(found["loss"], other["loss"], rtol=1e-9)
+        assert many.results[n].history["converged"].all() and (np.diff(many.results[n].history["loss"]) < 0).all()
+    with pytest.raises(ValueError, match=r'cannot be batched.*together="map"'):
+        fit_many(starts, adam, steps=3, where=angle, together="vmap")
 
 
 def test_taken_up_where_they_stood(tmp_path):
