@@ -79,11 +79,11 @@ def fit_together(
         rows, at = jax.device_get((seen, lanes.step))
         seconds = time.perf_counter() - began
         for n in np.flatnonzero(running):
-            row: Seen = jax.tree.map(lambda leaf, n=n: leaf[n].item(), rows)
+            row: Any = jax.tree.map(lambda leaf, n=n: leaf[n].item(), rows)
             beyond = histories[n].steps == steps  # the design after the last update: no row, and no second try
             if row.accepted and not beyond:
                 tail = {"refused": int(refused[n]), "update_scale": row.scale, "seconds": seconds}
-                head: dict[str, Any] = {"loss": row.loss, **row.terms, "gradient_norm": row.gradient_norm}
+                head = {"loss": row.loss, **row.terms, "gradient_norm": row.gradient_norm}
                 histories[n].append({**head, **row.diagnostics, **tail})
                 refused[n] = 0
                 continue
