@@ -1,6 +1,7 @@
 """Quantities of the whole shell that are held: its volume, its area. What holds one is a force: its multiplier."""
 
 import abc
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -11,6 +12,7 @@ from jaxtyping import Array, Float, Scalar
 from .._geometry.rowwise import length
 from .._geometry.surface import enclosed_volume
 from .._mesh.mesh import Mesh
+from .._papers import NOCEDAL_2006
 from .._supports.selection import Numbers
 from .base import AbstractEnergy, EnergyTerm
 from .followers import Pressure
@@ -56,6 +58,8 @@ class Constraint(AbstractEnergy):
         17.3 (augmented Lagrangian), with steps of Newton's in place of its first-order update.
     """
 
+    papers: ClassVar[tuple[str, ...]] = (NOCEDAL_2006,)
+
     stiffness: eqx.AbstractVar[Float[Array, ""] | None]
     """Of the spring; `None` where the value is held exactly."""
     progress: eqx.AbstractVar[float | Scalar]
@@ -90,6 +94,10 @@ class VolumeConstraint(Constraint):
 
     Its multiplier is the pressure inside over that outside, positive where the shell is blown up. An open surface is
     closed by the cone from its boundary to a point, as by [`shellkit.Pressure`][], with the same provisos.
+
+    ??? cite "Source"
+
+        As of [`shellkit.Constraint`][]: J. Nocedal and S. Wright, "Numerical Optimization", 2nd edition (2006).
     """
 
     volume: Float[Array, ""] | None
@@ -125,6 +133,10 @@ class AreaConstraint(Constraint):
     film that has lost its soap.
 
     Its multiplier is minus the tension, a force per length: positive where the skin is compressed.
+
+    ??? cite "Source"
+
+        As of [`shellkit.Constraint`][]: J. Nocedal and S. Wright, "Numerical Optimization", 2nd edition (2006).
     """
 
     area: Float[Array, ""] | None
@@ -157,6 +169,10 @@ class Inflation(Constraint):
 
     The pressure that this takes is its multiplier, which may well fall while the balloon grows: a given volume is
     stable where a given pressure is not. Along a path the volume rises evenly.
+
+    ??? cite "Source"
+
+        As of [`shellkit.Constraint`][]: J. Nocedal and S. Wright, "Numerical Optimization", 2nd edition (2006).
     """
 
     factor: Float[Array, ""]
