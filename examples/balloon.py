@@ -29,7 +29,7 @@ def balloon(subdivisions: int, factor: float) -> sk.InverseProblem:
     )
 
 
-def exact(stretch: np.ndarray) -> np.ndarray:
+def exact(stretch: np.ndarray | float) -> np.ndarray | float:
     """p = 2μ h/R (1/λ - 1/λ⁷), for a thin neo-Hookean sphere of radius 1 (Treloar)."""
     return 2 * SHEAR * THICKNESS * (1 / stretch - 1 / stretch**7)
 
@@ -44,7 +44,7 @@ def main() -> None:
     problem = balloon(1 if options.quick else options.subdivisions, factor=8.0)
     path = sk.follow(problem, sk.Ramp(5 if options.quick else 20))
     stretch = (1 + 7 * np.asarray(path.progress)) ** (1 / 3)
-    pressure = np.array([float(e.multipliers[0]) for e in path.equilibria])
+    pressure = np.array([np.asarray(e.multipliers)[0] for e in path.equilibria])
     ours, theirs = pressure.max(), exact(7 ** (1 / 6))
     print(f"greatest pressure {ours:.5f} at {stretch[pressure.argmax()]:.2f} times the radius;")
     print(f"the exact sphere's is {theirs:.5f} at {7 ** (1 / 6):.2f} times.")
