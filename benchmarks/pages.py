@@ -127,10 +127,10 @@ def filled(text: str, blocks: dict[str, Callable[[], str]]) -> str:
     return text
 
 
-def write(check: bool = False) -> list[str]:
-    """Make all pages anew, or only see which are out of date; their names."""
+def write(pages: dict[str, dict[str, Callable[[], str]]], check: bool) -> list[str]:
+    """Make pages anew, or only see which are out of date; their names."""
     stale = []
-    for name, blocks in PAGES.items():
+    for name, blocks in pages.items():
         path = ROOT / name
         old = path.read_text()
         new = filled(old, blocks)
@@ -145,7 +145,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--check", action="store_true", help="only say whether a page is out of date")
     check = parser.parse_args().check
-    stale = write(check)
+    stale = write(PAGES, check)
     print("\n".join(stale) or "up to date")
     sys.exit(1 if check and stale else 0)
 

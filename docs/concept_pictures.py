@@ -2,7 +2,6 @@
 some of them. They are drawn from computed shapes, energies and gradients, except for the sketch of a face."""
 
 import functools
-import sys
 import tempfile
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 from matplotlib.figure import Figure
-from pictures import ASSETS, LAYERS, shrink
+from pictures import LAYERS, draw, shrink
 from PIL import Image, ImageSequence
 
 import shellkit as sk
@@ -281,6 +280,4 @@ PICTURES = {
 
 
 if __name__ == "__main__":
-    for name in sys.argv[1:] or PICTURES:
-        PICTURES[name](ASSETS / name)
-        print(f"{name}: {(ASSETS / name).stat().st_size / 1e3:.0f} kB")
+    draw(PICTURES)

@@ -18,7 +18,7 @@ from typing import Any
 from PIL import Image, ImageSequence
 
 from benchmarks.machine import describe
-from benchmarks.pages import filled
+from benchmarks.pages import write
 
 
 ROOT = Path(__file__).parents[1]
@@ -148,19 +148,6 @@ PAGES = {
 }
 
 
-def write(check: bool) -> list[str]:
-    """Makes the pages anew from what is stored, or only sees which are out of date; their names."""
-    stale = []
-    for name, blocks in PAGES.items():
-        path = ROOT / name
-        new = filled(path.read_text(), blocks)
-        if new != path.read_text():
-            stale.append(name)
-            if not check:
-                path.write_text(new)
-    return stale
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", help="examples to run again")
@@ -171,7 +158,7 @@ def main() -> None:
         for name in options.names or [name for name in examples() if name not in stored()]:
             run(name)
             print(name, *(f"{record['seconds']} s" for record in stored()[name]))
-    stale = write(options.check)
+    stale = write(PAGES, options.check)
     print("\n".join(stale) or "up to date")
     sys.exit(1 if options.check and stale else 0)
 

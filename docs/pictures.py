@@ -4,6 +4,7 @@ Needs OpenGL; without a screen set VTK_DEFAULT_OPENGL_WINDOW=vtkEGLRenderWindow.
 
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 
 import equinox as eqx
@@ -163,7 +164,12 @@ PICTURES = {
 }
 
 
-if __name__ == "__main__":
-    for name in sys.argv[1:] or PICTURES:
-        PICTURES[name](ASSETS / name)
+def draw(pictures: dict[str, Callable[[Path], None]]) -> None:
+    """Makes those named on the command line, or all."""
+    for name in sys.argv[1:] or pictures:
+        pictures[name](ASSETS / name)
         print(f"{name}: {(ASSETS / name).stat().st_size / 1e3:.0f} kB")
+
+
+if __name__ == "__main__":
+    draw(PICTURES)

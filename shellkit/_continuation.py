@@ -14,9 +14,8 @@ from ._energy import Constraint
 from ._equilibrium import RESULTS, Equilibrium
 from ._geometry.surface import edge_lengths
 from ._problem import InverseProblem
-from ._solve.choose import default_direct_solver
-from ._solve.motions import coordinates_to_hold, hold, orthonormal
-from ._solve.newton import SparseNewton, solve_held
+from ._solve.motions import held_still
+from ._solve.newton import solve_held
 from ._solve.operator import SparseSymmetric
 
 
@@ -330,14 +329,9 @@ def _linearised(problem: InverseProblem, y: Float[Array, " n"], progress: Scalar
     )
     now = problem.at(progress)
     hessian = now.discrete_energy().hessian(y)
-    solver = problem.solver.linear_solver if isinstance(problem.solver, SparseNewton) else default_direct_solver()
-    basis = held = None
-    motions = now.rigid_motions()
-    if motions is not None:
-        basis = orthonormal(motions(y))
-        held = coordinates_to_hold(basis)
-        hessian = hold(hessian, held)
+    solver = problem.linear_solver()
     assert isinstance(hessian, SparseSymmetric)  # as was checked at the start
+    hessian, basis, held = held_still(hessian, now.rigid_motions(), y)
     factor = solver.factorise(hessian)
     return gradient, change, lambda rhs: solve_held(solver, factor, basis, held, rhs), factor
 

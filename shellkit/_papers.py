@@ -100,6 +100,13 @@ EFRATI_2009 = """@article{efrati2009elastic,
     year = {2009},
 }"""
 
+GILL_1981 = """@book{gill1981practical,
+    author = {Gill, Philip E. and Murray, Walter and Wright, Margaret H.},
+    title = {Practical Optimization},
+    publisher = {Academic Press},
+    year = {1981},
+}"""
+
 GRINSPUN_2003 = """@inproceedings{grinspun2003discrete,
     author = {Grinspun, Eitan and Hirani, Anil N. and Desbrun, Mathieu and Schr{\\"o}der, Peter},
     title = {Discrete shells},

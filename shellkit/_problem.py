@@ -17,6 +17,7 @@ from ._energy import AbstractEnergy, Assembly, Constraint, DiscreteEnergy, FormE
 from ._equilibrium import RESULTS, Equilibrium
 from ._geometry.forms import CurvatureForm
 from ._geometry.patches import Hinges, Triangles
+from ._geometry.surface import edge_lengths
 from ._holding import Stationary, differentiable_held, padded
 from ._loss import Loss
 from ._mesh.mesh import Mesh
@@ -37,7 +38,6 @@ from ._symmetries import FreeMotions, free_motions
 
 _STEPS_OF_FIRST_ORDER_METHODS = 10_000
 _FOLDED = 179.0  # degrees
-_TURN, _SHRINK = 0.34, 0.2  # no face may turn further than cos = 0.34 (70 degrees) or shrink below a fifth in one step
 
 
 class InverseProblem(eqx.Module):
@@ -199,8 +199,8 @@ class InverseProblem(eqx.Module):
             unknowns = self.assembly.join(start.vertices, start.directors)
         y0 = jax.lax.stop_gradient(self.assembly.restrict(unknowns))
         motions = _stop(self.rigid_motions())
-        length = jax.lax.stop_gradient(_mean_edge_length(self.mesh))
-        linear_solver = self._linear_solver()
+        length = jax.lax.stop_gradient(jnp.mean(edge_lengths(self.mesh.vertices, self.mesh)))
+        linear_solver = self.linear_solver()
         multipliers = None
         if energy.quantities is None:
             end = minimised(still, y0, motions, length, self.solver, linear_solver, self._step_limit())
@@ -290,10 +290,10 @@ class InverseProblem(eqx.Module):
             motions = None if self.motions is None else _stop(self.motions)
             multipliers = equilibrium.multipliers
             if multipliers is None:
-                y = responding_minimum(energy, y, motions, self._linear_solver())
+                y = responding_minimum(energy, y, motions, self.linear_solver())
             else:
                 z, m = jnp.concatenate([y, multipliers]), len(multipliers)
-                solver = BorderedSolver(self._linear_solver())
+                solver = BorderedSolver(self.linear_solver())
                 z = responding_minimum(Stationary(energy), z, padded(motions, m), solver)
                 y, multipliers = z[:-m], z[-m:]
                 energy = energy.held_by(multipliers)
@@ -355,11 +355,26 @@ class InverseProblem(eqx.Module):
         parts = (self.actuation.at(progress), self.energy.at(progress), supports)
         return eqx.tree_at(lambda p: (p.actuation, p.energy, p.supports), self, parts, is_leaf=lambda x: x is None)
 
-    def _linear_solver(self) -> AbstractSparseSolver:
+    def linear_solver(self) -> AbstractSparseSolver:
+        """What solves the sparse systems behind derivatives and modes: that of [`shellkit.SparseNewton`][], or the best
+        one installed where another minimiser relaxes the shell."""
         return self.solver.linear_solver if isinstance(self.solver, SparseNewton) else default_direct_solver()
 
     def posed(self, energy: DiscreteEnergy, y: Float[Array, " n"]) -> tuple[Array, Array | None, Array | None]:
-        """Positions, directors and reactions at the free unknowns, in a pose that is defined."""
+        """What [`shellkit.Equilibrium`][] reports of a shape: positions, directors and reactions.
+
+        Of a free shell the pose is that nearest to the surface at rest, with no net translation or rotation.
+
+        **Arguments:**
+
+        - `energy`: as `discrete_energy` returns it.
+        - `y`: the vector of free unknowns.
+
+        **Returns:**
+
+        Vertices, in the unit of the mesh; directors, in radians, or `None`; reactions, in units of pressure times area,
+        or `None` where nothing is held.
+        """
         vertices, directors = energy.state(y)
         reactions = None
         if self.assembly.free is not None:
@@ -383,11 +398,6 @@ def _relax(problem: InverseProblem, start: Equilibrium | None) -> Equilibrium:
 
 def _stop(tree):
     return jax.tree.map(lambda leaf: jax.lax.stop_gradient(leaf) if eqx.is_inexact_array(leaf) else leaf, tree)
-
-
-def _mean_edge_length(mesh: Mesh) -> Scalar:
-    tail, head = mesh.vertices[mesh.edges[:, 0]], mesh.vertices[mesh.edges[:, 1]]
-    return jnp.mean(jnp.linalg.norm(head - tail, axis=1))
 
 
 def _checked_thickness(thickness: float | Array, mesh: Mesh) -> Array:

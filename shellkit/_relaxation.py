@@ -12,8 +12,9 @@ from ._geometry.patches import Triangles
 from ._holding import Held, relax_held
 from ._solve.bordered import BorderedSolver
 from ._solve.direct import AbstractSparseSolver
-from ._solve.motions import coordinates_to_hold, hold, orthonormal
+from ._solve.motions import held_still
 from ._solve.newton import NewtonState, SparseNewton
+from ._solve.operator import SparseSymmetric
 from ._symmetries import FreeMotions
 
 
@@ -56,7 +57,7 @@ def minimised(
         lambda y, _: energy(y),
         solver,
         y,
-        options=_options(energy, motions, length),
+        options=minimiser_options(energy, motions, length),
         max_steps=max_steps,
         throw=False,
     )
@@ -67,7 +68,10 @@ def minimised(
         factorisations = solution.stats["factorisations"]
     else:
         value, gradient = energy.value_and_gradient(solution.value)
-        factor = linear_solver.factorise(_held_still(energy.hessian(solution.value), motions, solution.value))
+        hessian = energy.hessian(solution.value)
+        assert isinstance(hessian, SparseSymmetric)  # constraints are for SparseNewton, as was checked
+        hessian, _, _ = held_still(hessian, motions, solution.value)
+        factor = linear_solver.factorise(hessian)
         stable = factor.ok & (factor.negative <= 0)
         factorisations = jnp.ones((), jnp.int32)
     steps = solution.stats["num_steps"]
@@ -85,7 +89,7 @@ def minimised_held(
 ) -> tuple[End, Held]:
     """The minimum of an energy with its quantities at their values; also how it was found. See [`minimised`][]."""
     bordered = eqx.tree_at(lambda s: s.linear_solver, solver, BorderedSolver(solver.linear_solver))
-    held = relax_held(bordered, lambda e: _options(e, motions, length), energy, y, multipliers, max_steps)
+    held = relax_held(bordered, lambda e: minimiser_options(e, motions, length), energy, y, multipliers, max_steps)
     result = optx.RESULTS.where(
         held.settled | (held.result != optx.RESULTS.successful), held.result, optx.RESULTS.nonlinear_divergence
     )
@@ -107,7 +111,7 @@ class Feasible(eqx.Module):
         return jnp.all((turn > _TURN * old.twice_area * new.twice_area) & (new.twice_area > _SHRINK * old.twice_area))
 
 
-def _options(energy: DiscreteEnergy, motions: FreeMotions | None, length: Scalar) -> dict[str, Any]:
+def minimiser_options(energy: DiscreteEnergy, motions: FreeMotions | None, length: Scalar) -> dict[str, Any]:
     """What a minimiser is told of an energy beside its value."""
     return {
         "value_and_gradient": energy.value_and_gradient,
@@ -116,10 +120,3 @@ def _options(energy: DiscreteEnergy, motions: FreeMotions | None, length: Scalar
         "motions": motions,
         "length": length,
     }
-
-
-def _held_still(hessian: Any, motions: FreeMotions | None, y: Array) -> Any:
-    """The Hessian with as many coordinates held as motions are free."""
-    if motions is None:
-        return hessian
-    return hold(hessian, coordinates_to_hold(orthonormal(motions(y))))

@@ -11,7 +11,8 @@ import jax.numpy as jnp
 import optimistix as optx
 
 import shellkit as sk
-from shellkit._problem import _Feasible, _mean_edge_length
+from shellkit._geometry.surface import edge_lengths
+from shellkit._relaxation import minimiser_options
 
 from ..measure import Stage
 from .problems import design_problem, teacher
@@ -34,14 +35,9 @@ class _Descent(eqx.Module):
 
     def _scene(self) -> tuple[Any, None, dict[str, Any]]:
         """Function, arguments and options, as `InverseProblem` gives them to a minimiser."""
-        energy = self.problem.discrete_energy()
-        options = {
-            "gradient": energy.gradient,
-            "hessian": energy.hessian,
-            "feasible": _Feasible(energy),
-            "motions": self.problem.motions,
-            "length": _mean_edge_length(self.problem.mesh),
-        }
+        energy, mesh = self.problem.discrete_energy(), self.problem.mesh
+        length = jnp.mean(edge_lengths(mesh.vertices, mesh))
+        options = minimiser_options(energy, self.problem.motions, length)
         return lambda y, _: (energy(y), None), None, options
 
     @eqx.filter_jit

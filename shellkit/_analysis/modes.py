@@ -10,9 +10,7 @@ from .._energy import Assembly
 from .._equilibrium import Equilibrium
 from .._geometry.surface import edge_lengths, vertex_areas
 from .._problem import InverseProblem
-from .._solve.choose import default_direct_solver
 from .._solve.direct import AbstractSparseSolver, Factor
-from .._solve.newton import SparseNewton
 from .._solve.operator import SparseSymmetric
 
 
@@ -98,7 +96,7 @@ def vibration_modes(problem: InverseProblem, count: int = 10, equilibrium: Equil
             pencil = _pencil(problem, equilibrium.vertices, equilibrium.directors)
     else:
         pencil = _pencil(problem, equilibrium.vertices, equilibrium.directors)
-    solver = problem.solver.linear_solver if isinstance(problem.solver, SparseNewton) else default_direct_solver()
+    solver = problem.linear_solver()
     factor, shift = _factorise(solver, pencil)
 
     n = pencil.mass.shape[0]

@@ -10,7 +10,7 @@ from jaxtyping import Array, Float
 
 from .bordered import Bordered, BorderedSolver
 from .direct import AbstractSparseSolver
-from .motions import coordinates_to_hold, hold, orthonormal, project_out
+from .motions import held_still, project_out
 from .newton import solve_held
 
 
@@ -74,11 +74,8 @@ def _solve(energy, y, force, motions, linear_solver) -> Float[Array, " n"]:
     there = jax.lax.stop_gradient(y)
     # A factor of this very Hessian: with Newton's last, which is of a point before, ten steps were needed where two do.
     hessian = _stop(energy).hessian(there)
-    basis = held = None
-    if motions is not None:
-        basis = orthonormal(motions(there))
-        held = coordinates_to_hold(basis)
-    factor = linear_solver.factorise(hessian if held is None else hold(hessian, held))
+    still, basis, held = held_still(hessian, motions, there)
+    factor = linear_solver.factorise(still)
 
     def solve(_, rhs):
         precondition = lambda residual: solve_held(linear_solver, factor, basis, held, residual, checked=False)

@@ -12,7 +12,6 @@ import lineax as lx
 from jaxtyping import Array, Bool, Float, Int
 
 from .direct import AbstractSparseSolver, Factor
-from .motions import hold
 from .operator import SparseSymmetric
 
 
@@ -73,7 +72,7 @@ class Bordered(lx.AbstractLinearOperator):
 
     def holding(self, coordinates: Int[Array, " k"]) -> "Bordered":
         """This matrix with the rows and columns of some coordinates of the sparse part cleared."""
-        return self._with(hold(self.sparse, coordinates), self.rows.at[:, coordinates].set(0.0))
+        return self._with(self.sparse.holding(coordinates), self.rows.at[:, coordinates].set(0.0))
 
     def _with(self, sparse: SparseSymmetric, rows: Array) -> "Bordered":
         return Bordered(sparse, rows, self.compliances, self.eliminated)

@@ -1,16 +1,20 @@
 """Motions that cost nothing: the null space of a Hessian that is known beforehand, and how to solve in spite of it.
 
 As many coordinates are held as there are free motions, which makes the matrix regular without changing the minimum;
-and the
-free motions are projected out of right-hand side and solution, which then is that of the pseudo-inverse.
+and the free motions are projected out of right-hand side and solution, which then is that of the pseudo-inverse.
 """
 
-from typing import Any
+from collections.abc import Callable
+from typing import TypeVar
 
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
+from .bordered import Bordered
 from .operator import SparseSymmetric
+
+
+Operator = TypeVar("Operator", SparseSymmetric, Bordered)
 
 
 def orthonormal(motions: Float[Array, "n k"]) -> Float[Array, "n k"]:
@@ -37,11 +41,13 @@ def coordinates_to_hold(basis: Float[Array, "n k"]) -> Int[Array, " k"]:
     return jnp.stack(held)
 
 
-def hold(operator: Any, coordinates: Int[Array, " k"]) -> Any:
-    """The operator with rows and columns of some coordinates cleared, and a typical number on their diagonal."""
-    if not isinstance(operator, SparseSymmetric):
-        return operator.holding(coordinates)
-    pattern = operator.pattern
-    keep = jnp.ones(pattern.n).at[coordinates].set(0.0)
-    values = operator.values * keep[pattern.rows] * keep[pattern.indices]
-    return SparseSymmetric(pattern, values.at[pattern.diagonal[coordinates]].set(operator.size_of_diagonal()))
+def held_still(
+    operator: Operator, motions: Callable[[Array], Array] | None, y: Float[Array, " n"]
+) -> tuple[Operator, Float[Array, "n k"] | None, Int[Array, " k"] | None]:
+    """The operator with as many coordinates held as motions cost nothing at `y`, an orthonormal basis of these, and the
+    coordinates; without motions the operator as it is."""
+    if motions is None:
+        return operator, None, None
+    basis = orthonormal(motions(y))
+    held = coordinates_to_hold(basis)
+    return operator.holding(held), basis, held

@@ -9,11 +9,11 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int, PyTree, Scalar
 
-from .._papers import NOCEDAL_2006
+from .._papers import GILL_1981, NOCEDAL_2006
 from .bordered import Bordered, BorderedFactor
 from .choose import default_direct_solver
 from .direct import AbstractSparseSolver, Factor
-from .motions import coordinates_to_hold, hold, orthonormal, project_out
+from .motions import coordinates_to_hold, orthonormal, project_out
 from .operator import SparseSymmetric
 
 
@@ -92,10 +92,11 @@ class SparseNewton(optx.AbstractMinimiser):
 
         The shift by inertia is Algorithm 3.3 of J. Nocedal and S. Wright, "Numerical Optimization", 2nd edition (2006),
         with a factorisation that reports the inertia (section 3.4); the corrections are those of its Algorithm 7.4
-        (L-BFGS), begun from the factor.
+        (L-BFGS), begun from the factor. What makes the Hessian of a shell convex is a modified Cholesky factorisation
+        of P. Gill, W. Murray and M. Wright, "Practical Optimization" (1981), section 4.4.2.2, face by face.
     """
 
-    papers: ClassVar[tuple[str, ...]] = (NOCEDAL_2006,)
+    papers: ClassVar[tuple[str, ...]] = (NOCEDAL_2006, GILL_1981)
     rtol: float
     max_steps: int = eqx.field(static=True)
     linear_solver: AbstractSparseSolver
@@ -205,7 +206,7 @@ class SparseNewton(optx.AbstractMinimiser):
                 first = (next_shift > 0) & ((tries == 0) | (last_shift == 0))
                 lift = jax.lax.cond(first, lambda make: make().values, lambda _: lift, convexification)
                 matrix = _convexified(hessian, lift, next_shift, unit)
-            matrix = matrix if held is None else hold(matrix, held)
+            matrix = matrix if held is None else matrix.holding(held)
             factor, solution = solver.factorise_and_solve(matrix, rhs)
             # A try costs as much as a step: they lie ever further apart, at first too, where the way is long.
             stride = tries + jnp.where(state.factorisations == 0, 3, 1)

@@ -7,7 +7,7 @@ import jax
 import jax.flatten_util
 import jax.numpy as jnp
 import lineax as lx
-from jaxtyping import Array, Float, Inexact, PyTree
+from jaxtyping import Array, Float, Inexact, Int, PyTree
 
 from .pattern import SymmetricPattern
 
@@ -76,6 +76,14 @@ class SparseSymmetric(lx.AbstractLinearOperator):
     def shifted(self, shift: Float[Array, ""] | float) -> "SparseSymmetric":
         """This matrix plus `shift` times the identity."""
         values = self.values.at[self.pattern.diagonal].add(shift, unique_indices=True, indices_are_sorted=True)
+        return eqx.tree_at(lambda operator: operator.values, self, values)
+
+    def holding(self, coordinates: Int[Array, " k"]) -> "SparseSymmetric":
+        """This matrix with the rows and columns of some coordinates cleared, and a typical number on their diagonal."""
+        pattern = self.pattern
+        keep = jnp.ones(pattern.n).at[coordinates].set(0.0)
+        values = self.values * keep[pattern.rows] * keep[pattern.indices]
+        values = values.at[pattern.diagonal[coordinates]].set(self.size_of_diagonal())
         return eqx.tree_at(lambda operator: operator.values, self, values)
 
     def plus(self, values: Float[Array, "nnz"]) -> "SparseSymmetric":

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from .bordered import BorderedSolver
 from .direct import AbstractSparseSolver
-from .motions import coordinates_to_hold, hold, orthonormal
+from .motions import held_still
 from .newton import solve_held
 
 
@@ -44,11 +44,7 @@ def responding_minimum(
     y = jax.lax.stop_gradient(y)
     still = jax.tree.map(lambda leaf: jax.lax.stop_gradient(leaf) if eqx.is_inexact_array(leaf) else leaf, energy)
     hessian = still.hessian(y)
-    basis = held = None
-    if motions is not None:
-        basis = orthonormal(motions(y))
-        held = coordinates_to_hold(basis)
-        hessian = hold(hessian, held)
+    hessian, basis, held = held_still(hessian, motions, y)
     factor = linear_solver.factorise(hessian)
 
     def solve(_, rhs):
