@@ -24,7 +24,7 @@ from ._mesh.mesh import Mesh
 from ._papers import BRADBURY_2018, KIDGER_2021, RADER_2024
 from ._precision import require_x64
 from ._relaxation import End, minimised, minimised_held
-from ._rest import RestShape
+from ._rest import RestShape, checked_rest_lengths
 from ._solve.adjoint import differentiable_minimum
 from ._solve.bordered import BorderedSolver
 from ._solve.choose import default_direct_solver
@@ -72,6 +72,7 @@ class InverseProblem(eqx.Module):
     loss: Loss | None
     solver: optx.AbstractMinimiser
     max_steps: int | None = eqx.field(static=True)
+    rest_lengths: str = eqx.field(static=True)
     assembly: Assembly
     motions: FreeMotions | None
 
@@ -85,6 +86,7 @@ class InverseProblem(eqx.Module):
         solver: optx.AbstractMinimiser | None = None,
         max_steps: int | None = None,
         supports: Supports | None = None,
+        rest_lengths: str = "own",
     ):
         """**Arguments:**
 
@@ -97,6 +99,9 @@ class InverseProblem(eqx.Module):
         - `max_steps`: of the minimiser; by default its own limit, or 10,000 for one that has none.
         - `supports`: what is held, such as [`shellkit.Clamped`][]; by default nothing. Which vertices they hold, and in
             which directions, is settled here; where they hold them can be changed and trained.
+        - `rest_lengths`: `"own"`, each face has its rest metric as the actuation gives it, or `"shared"`, both faces of
+            an edge have the same rest length along it: far more accurate for samples of a smooth field of directors or
+            growth, see [`shellkit.RestShape`][].
 
         **Raises:**
 
@@ -121,6 +126,7 @@ class InverseProblem(eqx.Module):
         if loss is not None:
             loss.check(mesh, self.actuation)
         self.assembly = Assembly.of(self.energy, mesh, self.supports)
+        self.rest_lengths = checked_rest_lengths(rest_lengths)
         self.motions = free_motions(self.energy, mesh, self.rest_shape(), self.assembly, self.supports)
 
     def rest_shape(self) -> RestShape:
@@ -129,7 +135,9 @@ class InverseProblem(eqx.Module):
         forms: list[CurvatureForm] = [t.form for t in terms if isinstance(t, FormEnergy) and t.form is not None]
         beyond = None if self.supports is None or not forms else self.supports.at(0.0).continuation(self.mesh)
         rest = RestShape.of(self.mesh, self.thickness, forms[0] if forms else None, beyond)
-        return self.actuation(rest)
+        actuated = self.actuation(rest)
+        shared = self.rest_lengths == "shared" and not isinstance(self.actuation, Passive)
+        return actuated.sharing_edges(self.mesh) if shared else actuated
 
     def discrete_energy(self) -> DiscreteEnergy:
         """The energy as a function of the vector of free unknowns, with its gradient and sparse Hessian."""

@@ -1,5 +1,6 @@
 """Actuations: exact metrics, symmetries, ramps and refusals."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -119,3 +120,52 @@ def test_bad_actuations_are_refused(actuation, words):
     with pytest.raises(ValueError) as error:
         actuation.check(MESH)
     assert all(word in str(error.value) for word in words), str(error.value)
+
+
+def lengths_of(metric, mesh):
+    """Squared rest lengths of the sides of every face, by the side's number: opposite a, b, c."""
+    g = np.asarray(metric)
+    return np.stack([g[:, 0, 0] - 2 * g[:, 0, 1] + g[:, 1, 1], g[:, 1, 1], g[:, 0, 0]], axis=1)
+
+
+def test_faces_that_share_rest_lengths_have_their_mean():
+    """A little actuated, every edge gets the mean of what its two faces ask for; those of a rim keep theirs."""
+    mesh = sk.meshes.rectangle(1.0, 0.8, cells=(5, 4), diagonals="jittered")
+    angles = jnp.asarray(np.random.default_rng(1).uniform(0, np.pi, mesh.n_faces))
+    own = sk.Nematic(angle=angles, stretch=1.001)(sk.RestShape.of(mesh, jnp.asarray(0.1), "sin"))
+    shared = own.sharing_edges(mesh)
+    asked, got = lengths_of(own.metric, mesh), lengths_of(shared.metric, mesh)
+    total, faces = np.zeros(mesh.n_edges), np.zeros(mesh.n_edges)
+    np.add.at(total, mesh.face_edges, asked)
+    np.add.at(faces, mesh.face_edges, 1)
+    assert np.abs(asked / got - 1).max() > 1e-3
+    assert np.allclose(got, (total / faces)[np.asarray(mesh.face_edges)], rtol=1e-8, atol=0)
+    assert shared.curvature is own.curvature and shared.thickness is own.thickness
+    # Faces that agree already, as those of any surface and of any growth of it, are left alone.
+    metric = 1.3 * sk.first_form(MESH.vertices * jnp.array([1.0, 0.7, 1.2]), MESH)
+    curved = sk.RestShape(metric, None, jnp.ones(MESH.n_faces))
+    assert jnp.allclose(curved.sharing_edges(MESH).metric, metric, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("stretch", [0.3, 3.0])
+def test_shared_rest_lengths_make_triangles_however_strong_the_actuation(stretch):
+    rest = sk.Nematic(ANGLES, stretch)(REST)
+    plain = lengths_of(rest.metric, MESH)
+    mean = 0.5 * (plain + plain.reshape(-1)[np.asarray(MESH.twins)])
+    a, b, c = np.sqrt(mean).T
+    assert ((a + b - c) * (b + c - a) * (c + a - b) < 0).any()  # the mean lengths alone do not
+    shared, slope = jax.jvp(lambda s: sk.Nematic(ANGLES, s)(REST).sharing_edges(MESH).metric, (stretch,), (1.0,))
+    assert (np.linalg.eigvalsh(shared) > 0).all() and np.isfinite(slope).all()
+
+
+def test_rest_lengths_are_shared_where_asked_for():
+    def metric(actuation, **changes):
+        return sk.InverseProblem(MESH, 0.1, sk.StVenantKirchhoff(1.0, 1.0), actuation, **changes).rest_shape().metric
+
+    nematic = sk.Nematic(ANGLES, 1.1)
+    shared = nematic(REST).sharing_edges(MESH).metric
+    assert jnp.array_equal(metric(nematic), nematic(REST).metric)
+    assert jnp.array_equal(metric(nematic, rest_lengths="shared"), shared)
+    assert jnp.array_equal(metric(sk.Passive(), rest_lengths="shared"), REST.metric)
+    with pytest.raises(ValueError, match="rest_lengths"):
+        metric(nematic, rest_lengths="both")
