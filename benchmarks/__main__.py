@@ -12,6 +12,7 @@ from .case import run
 NAMES = (
     "design_step",
     "relaxation",
+    "head_fields",
     "scaling",
     "gradient_cost",
     "energy_kernel",

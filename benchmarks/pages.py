@@ -102,6 +102,7 @@ PAGES: dict[str, dict[str, Callable[[], str]]] = {
         for name in (
             "design_step",
             "relaxation",
+            "head_fields",
             "scaling",
             "gradient_cost",
             "energy_kernel",
