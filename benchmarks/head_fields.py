@@ -28,7 +28,7 @@ def cases(quick: bool) -> list[Case]:
 
 def page(rows: list[Row]) -> str:
     head = ("directors", "form", "fields", "converged", "of these stable", "others", "steps", "factorisations")
-    head += ("largest |∇E|".replace("|", "&#124;"), "a relaxation")
+    head += ("largest &#124;∇E&#124;", "a relaxation")
     lines = []
     for row in rows:
         label = [_KINDS[row["case"]["kind"]], f"`{row['case']['form']}`"]
@@ -58,5 +58,5 @@ def _median_and_most(counts: list[int]) -> str:
 
 _INTRODUCTION = """\
 Suzanne, 1400 vertices, neo-Hookean, thickness 0.1, λ = 1.5, every relaxation from rest. The fields along the training
-run are those of every second step of 100 of Adam (rate 0.15, falling), towards a sphere. Medians; |∇E| is the Euclidean
-norm where the relaxation ended.""".replace("|", "&#124;")
+run are those of every second step of 100 of Adam (rate 0.15, falling), towards a sphere. Medians;
+&#124;∇E&#124; is the Euclidean norm where the relaxation ended."""

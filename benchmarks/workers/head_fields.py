@@ -46,15 +46,15 @@ def _random(problem: sk.InverseProblem, count: int) -> Iterator[sk.InverseProble
 
 
 def _along_training(problem: sk.InverseProblem, count: int) -> list[sk.InverseProblem]:
-    met = []
+    """Those of every second step of a training run from all angles at zero."""
+    met, steps = [], 2 * count
     keep = lambda step: met.append(step.problem) if step.step % 2 == 0 else None
-    optimiser = optax.chain(
-        optax.clip_by_global_norm(0.004), optax.adam(optax.cosine_decay_schedule(0.15, 100, alpha=0.02), b2=0.99)
-    )
+    rate = optax.cosine_decay_schedule(0.15, steps, alpha=0.02)
+    optimiser = optax.chain(optax.clip_by_global_norm(0.004), optax.adam(rate, b2=0.99))
     sk.fit(
         problem,
         optimiser,
-        steps=2 * count,
+        steps=steps,
         where=director_angles,
         callbacks=[keep],
         progress=False,
