@@ -105,6 +105,7 @@ PAGES: dict[str, dict[str, Callable[[], str]]] = {
             "scaling",
             "gradient_cost",
             "energy_kernel",
+            "pricing",
             "platforms",
             "training",
             "surface_losses",
