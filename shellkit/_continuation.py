@@ -385,7 +385,7 @@ def _equilibrium(problem: InverseProblem, point: _Point) -> Equilibrium:
     blank = now.unrelaxed()
     return eqx.tree_at(
         lambda e: (
-            (e.vertices, e.directors, e.reactions, e.moments),
+            *(e.vertices, e.directors, e.reactions, e.moments),
             e.multipliers,
             e.energy,
             e.gradient_norm,
@@ -394,7 +394,7 @@ def _equilibrium(problem: InverseProblem, point: _Point) -> Equilibrium:
         ),
         blank,
         (
-            now.posed(under, y),
+            *now.posed(under, y),
             multipliers,
             energy(y),
             point.gradient_norm,
