@@ -80,7 +80,8 @@ def _table(rows: list[Row]) -> str:
             known = whole and part(whole)
             measured = name == "loss and gradient" or "relaxation" in row
             cells.append(_share(part(row), known, report.seconds) if measured else "")
-        lines.append([*cells, str(row.get("steps", ""))])
+        failed = "" if row.get("converged", True) else ", not converged"
+        lines.append([*cells, f"{row.get('steps', '')}{failed}"])
     return report.table(head, lines)
 
 

@@ -3,6 +3,8 @@
 How much of the load is on is an unknown like the others; the length of the step along the path of equilibria is what is
 given."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -347,7 +349,8 @@ def _linearised(problem: InverseProblem, y: Float[Array, " k"], progress: Scalar
     energy = lambda t: _with_multipliers(problem.at(t).discrete_energy())
     gradient, change = jax.jvp(lambda t: energy(t).gradient(y), (progress,), (jnp.ones_like(progress),))
     now = problem.at(progress)
-    hessian, motions, solver = energy(progress).hessian(y), now.rigid_motions(), problem.linear_solver()
+    hessian: Any = energy(progress).hessian(y)
+    motions, solver = now.rigid_motions(), problem.linear_solver()
     lengths = jnp.ones_like(y)
     if isinstance(hessian, Bordered):
         forces = jnp.max(jnp.abs(hessian.rows), axis=1)

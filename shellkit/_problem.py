@@ -323,8 +323,7 @@ class InverseProblem(eqx.Module):
 
     def unrelaxed(self) -> Equilibrium:
         """The surface at rest as an equilibrium that nothing was done to: for losses that do not look at the shape."""
-        zero, yes = jnp.zeros(()), jnp.array(True)
-        none = jnp.zeros((), jnp.int32)
+        zero, none, yes = jnp.zeros(()), jnp.zeros((), jnp.int32), jnp.array(True)
         return Equilibrium(
             mesh=self.mesh,
             rest=self.rest_shape(),
@@ -382,8 +381,7 @@ class InverseProblem(eqx.Module):
 
         **Returns:**
 
-        Vertices, in the unit of the mesh; directors, in radians, or `None`; reactions, in units of pressure times area,
-        or `None` where nothing is held; moments, in those times length, or `None` where no normal is.
+        Vertices; directors, in radians; reactions; moments. Each of the last three is `None` where there are none.
         """
         vertices, directors = energy.state(y)
         reactions, moments = None, energy.held_moments(y)
