@@ -16,6 +16,7 @@ NAMES = (
     "scaling",
     "gradient_cost",
     "energy_kernel",
+    "pricing",
     "training",
     "surface_losses",
     "platforms",

@@ -106,6 +106,7 @@ PAGES: dict[str, dict[str, Callable[[], str]]] = {
             "scaling",
             "gradient_cost",
             "energy_kernel",
+            "pricing",
             "platforms",
             "training",
             "surface_losses",

@@ -38,12 +38,11 @@ from ._continuation import (
     ArcLength as ArcLength,
     Branch as Branch,
     CriticalPoint as CriticalPoint,
-    DistinctEquilibria as DistinctEquilibria,
-    distinct_equilibria as distinct_equilibria,
     switch_branch as switch_branch,
     trace as trace,
 )
 from ._checkpoint import load_checkpoint as load_checkpoint
+from ._distinct import DistinctEquilibria as DistinctEquilibria, distinct_equilibria as distinct_equilibria
 from ._energy import (
     AreaConstraint as AreaConstraint,
     Bending as Bending,

@@ -3,27 +3,29 @@
 How much of the load is on is an unknown like the others; the length of the step along the path of equilibria is what is
 given."""
 
+from typing import Any
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int, Scalar
 
-from ._energy import Constraint
-from ._equilibrium import RESULTS, Equilibrium
+from ._energy import DiscreteEnergy
+from ._equilibrium import Equilibrium
 from ._geometry.surface import edge_lengths
+from ._holding import Stationary, padded
 from ._problem import InverseProblem
+from ._solve.bordered import Bordered, BorderedSolver
 from ._solve.motions import held_still
 from ._solve.newton import solve_held
-from ._solve.operator import SparseSymmetric
 
 
 _MAX_CORRECTIONS = 12
 _TOLERANCE = 1e-11  # of the last correction, relative to an edge
 _FEW = 4  # corrections that are neither many nor few: steps grow where they take less, and shrink where more
 _GROWTH = 1.6
-_REFINEMENTS = 30
+_RESOLUTION = 1e-9  # of a step, to which the place of a critical point is found
 _INVERSE_ITERATIONS = 6
 
 
@@ -66,9 +68,9 @@ class CriticalPoint(eqx.Module):
     equilibrium: Equilibrium
     mode: Float[Array, "V 3"]
     """The direction in which the equilibrium is neither stable nor unstable, as displacements of length one in all."""
-    unknowns: Float[Array, " n"]
-    null: Float[Array, " n"]
-    """The same among the free unknowns."""
+    unknowns: Float[Array, " k"]
+    null: Float[Array, " k"]
+    """The same among the free unknowns, with the change of multipliers behind them where the energy has constraints."""
 
 
 class Branch(eqx.Module):
@@ -103,11 +105,15 @@ class Branch(eqx.Module):
 
 
 class _Point(eqx.Module):
-    """A point on a path, and the unit direction in which the path goes on."""
+    """A point on a path, and the direction in which the path goes on, of unit length in shape and progress.
 
-    y: Float[Array, " n"]
+    Multipliers, where there are constraints, stand behind the free unknowns. They are no part of any length: what unit
+    they have depends on the constraint.
+    """
+
+    y: Float[Array, " k"]
     progress: Scalar
-    along: Float[Array, " n"]
+    along: Float[Array, " k"]
     progress_along: Scalar
     negative: Int[Array, ""]
     converged: Bool[Array, ""]
@@ -120,9 +126,13 @@ def trace(
 ) -> Branch:
     """Follow equilibria from none of actuation, loads and prescribed motion to all of them, wherever the path leads.
 
-    The number of negative eigenvalues is told by the factor at each point. Where it changes a limit point or a
-    bifurcation lies between, which is then found by bisection. On the host; not for use under `jax.jit`, and not
-    differentiable: [`shellkit.relax`][] from an equilibrium found here is.
+    The number of negative eigenvalues is told by the factor at each point. Where it changes limit points or
+    bifurcations lie between, which are then found by bisection; two of them within one step that undo each other's
+    change are not seen, so take shorter steps where they lie close. Where the energy has constraints, eigenvalues are
+    those of motions that keep what is held. On the host; not for use under `jax.jit`, and not differentiable:
+    [`shellkit.relax`][] from an equilibrium found here is.
+
+    The linear solver has to tell the inertia of a matrix: not [`shellkit.Cholmod`][].
 
     **Arguments:**
 
@@ -137,7 +147,7 @@ def trace(
 
     **Raises:**
 
-    `ValueError` if there is no equilibrium to start from, if the energy has constraints, and under transformations.
+    `ValueError` if there is no equilibrium to start from, and under transformations.
 
     ??? cite "Source"
 
@@ -150,6 +160,10 @@ def trace(
     _check(problem, start)
     vertices, directors = (problem.mesh.vertices, None) if start is None else (start.vertices, start.directors)
     y = problem.assembly.restrict(problem.assembly.join(vertices, directors))
+    quantities = problem.discrete_energy().quantities
+    if quantities is not None:
+        held = None if start is None else start.multipliers
+        y = jnp.concatenate([y, jnp.zeros(len(quantities.targets)) if held is None else held])
     zero, none = jnp.zeros(()), jnp.zeros_like(y)
     # Counted so that, at the start, progress and displacement have equal parts in the length of a step.
     here = _corrected(problem, y, zero, none, jnp.ones(()), jnp.ones(()))
@@ -158,7 +172,7 @@ def trace(
             "trace: there is no equilibrium at the start, with nothing of the load on. Relax problem.at(0.0), and give "
             "the result as start."
         )
-    weight = jnp.sum((here.along / here.progress_along) ** 2)
+    weight = jnp.sum((_shape(problem, here.along) / here.progress_along) ** 2)
     here = _corrected(problem, here.y, here.progress, here.along, here.progress_along, weight)
     here = _towards(here, here.progress_along)
     return _walk(problem, path, here, weight, path.first / here.progress_along, end)
@@ -193,8 +207,8 @@ def switch_branch(
     there = _corrected(problem, point.unknowns + scale * point.null, point.progress, ahead, zero, weight)
     if not there.converged:
         raise ValueError("switch_branch: no other path at this distance from the bifurcation; give a smaller size.")
-    there = _towards(there, ahead @ there.along)
-    return _walk(problem, path, there, weight, jnp.abs(scale) * jnp.linalg.norm(point.null), end)
+    there = _towards(there, _shape(problem, ahead) @ _shape(problem, there.along))
+    return _walk(problem, path, there, weight, jnp.abs(scale) * jnp.linalg.norm(_shape(problem, point.null)), end)
 
 
 def _walk(problem: InverseProblem, path: ArcLength, here: _Point, weight: Scalar, first: Scalar, end: float) -> Branch:
@@ -202,7 +216,7 @@ def _walk(problem: InverseProblem, path: ArcLength, here: _Point, weight: Scalar
     length, points, critical, complete = float(first), [here], [], False
     while len(points) <= path.steps and length >= float(first) / 2**path.halvings:
         there = _step(problem, here, jnp.asarray(length), weight)
-        turned = _product(there, here, weight) if there.converged else 0.0
+        turned = _product(problem, there, here, weight) if there.converged else 0.0
         if not there.converged or turned < 0.5:
             length *= 0.5
             continue
@@ -212,7 +226,7 @@ def _walk(problem: InverseProblem, path: ArcLength, here: _Point, weight: Scalar
             last = _corrected(problem, guess, jnp.asarray(end), jnp.zeros_like(guess), jnp.ones(()), weight)
             if last.converged:
                 there, complete = last, True
-        critical += _between(problem, here, there, length, weight)
+        critical += _between(problem, here, (0.0, here), (length, there), weight, _RESOLUTION * length)
         points.append(there)
         if complete or float(there.progress) <= -abs(end):
             break
@@ -230,43 +244,49 @@ def _walk(problem: InverseProblem, path: ArcLength, here: _Point, weight: Scalar
 
 
 def _between(
-    problem: InverseProblem, here: _Point, there: _Point, length: float, weight: Scalar
+    problem: InverseProblem,
+    here: _Point,
+    low: tuple[float, _Point],
+    high: tuple[float, _Point],
+    weight: Scalar,
+    resolution: float,
 ) -> list[CriticalPoint]:
-    """The point between two of a path at which stability changes, if there is one: by bisection of the step."""
-    turns = float(here.progress_along) * float(there.progress_along) < 0
-    if int(here.negative) == int(there.negative) and not turns:
+    """The points at which stability changes on the way from one: by bisection of the step, of both halves where it
+    changes in both. `low` and `high` are lengths of the step, and where they lead."""
+    (first, before), (last, after) = low, high
+    turns = float(before.progress_along) * float(after.progress_along) < 0
+    if int(before.negative) == int(after.negative) and not turns:
         return []
-    low, high, found = 0.0, length, there
-    for _ in range(_REFINEMENTS):
-        middle = 0.5 * (low + high)
+    middle = 0.5 * (first + last)
+    if last - first > resolution:
         point = _step(problem, here, jnp.asarray(middle), weight)
-        if not point.converged:
-            break
-        found = point
-        passed = (
-            float(point.progress_along) * float(here.progress_along) < 0
-            if turns
-            else (int(point.negative) != int(here.negative))
-        )
-        low, high = (low, middle) if passed else (middle, high)
-    null = _null(problem, found)
+        if point.converged:
+            parts = ((low, (middle, point)), ((middle, point), high))
+            return [found for part in parts for found in _between(problem, here, *part, weight, resolution)]
+    null = _null(problem, after)
     still = jnp.zeros(problem.assembly.size)
-    mode, _ = problem.assembly.split(problem.assembly.extend(null, still))
+    mode, _ = problem.assembly.split(problem.assembly.extend(_shape(problem, null), still))
     return [
         CriticalPoint(
             kind="limit point" if turns else "bifurcation",
-            progress=found.progress,
-            equilibrium=_equilibrium(problem, found),
+            progress=after.progress,
+            equilibrium=_equilibrium(problem, after),
             mode=mode / jnp.linalg.norm(mode),
-            unknowns=found.y,
+            unknowns=after.y,
             null=null / jnp.linalg.norm(mode),
         )
     ]
 
 
-def _product(one: _Point, other: _Point, weight: Scalar) -> float:
+def _shape(problem: InverseProblem, unknowns: Float[Array, " k"]) -> Float[Array, " n"]:
+    """The free unknowns, without the multipliers behind them."""
+    return unknowns[: problem.assembly.pattern.n]
+
+
+def _product(problem: InverseProblem, one: _Point, other: _Point, weight: Scalar) -> float:
     """The cosine between the directions at two points."""
-    return float(one.along @ other.along + weight * one.progress_along * other.progress_along)
+    along = _shape(problem, one.along) @ _shape(problem, other.along)
+    return float(along + weight * one.progress_along * other.progress_along)
 
 
 def _towards(point: _Point, sign: Scalar) -> _Point:
@@ -286,30 +306,31 @@ def _step(problem: InverseProblem, here: _Point, length: Scalar, weight: Scalar)
 @eqx.filter_jit
 def _corrected(
     problem: InverseProblem,
-    y: Float[Array, " n"],
+    y: Float[Array, " k"],
     progress: Scalar,
-    along: Float[Array, " n"],
+    along: Float[Array, " k"],
     progress_along: Scalar,
     weight: Scalar,
 ) -> _Point:
     """The equilibrium in the plane through a point square to a direction, by Newton's method in all unknowns and
     progress; and the direction of the path there."""
     edge = jnp.mean(edge_lengths(problem.mesh.vertices, problem.mesh))
+    product = lambda a, b: _shape(problem, a) @ _shape(problem, b)
 
     def look(carry):
         at, t, *_, count = carry
-        gradient, change, solve, factor = _linearised(problem, at, t)
+        gradient, change, solve, factor, lengths = _linearised(problem, at, t)
         step, slope = -solve(gradient), -solve(change)
         # In the plane: along · (y + step + δ slope − y₀) + weight progress_along (t + δ − t₀) = 0.
-        off = along @ (at + step - y) + weight * progress_along * (t - progress)
-        delta = -off / (along @ slope + weight * progress_along)
-        size = jnp.max(jnp.abs(step + delta * slope))
+        off = product(along, at + step - y) + weight * progress_along * (t - progress)
+        delta = -off / (product(along, slope) + weight * progress_along)
+        size = jnp.max(jnp.abs(step + delta * slope) * lengths)
         # The direction of the path: where the solution goes as progress does.
-        scale = jnp.sqrt(slope @ slope + weight)
-        sign = jnp.where(along @ slope + weight * progress_along < 0, -1.0, 1.0)
+        scale = jnp.sqrt(product(slope, slope) + weight)
+        sign = jnp.where(product(along, slope) + weight * progress_along < 0, -1.0, 1.0)
         point = _Point(
             at, t, sign * slope / scale, sign / scale, factor.negative, size < _TOLERANCE * edge, count,
-            jnp.linalg.norm(gradient),
+            jnp.linalg.norm(_shape(problem, gradient)),
         )  # fmt: skip
         return at + step + delta * slope, t + delta, point, count + 1
 
@@ -322,44 +343,63 @@ def _corrected(
     return jax.lax.while_loop(unsolved, look, (y, progress, blank, jnp.zeros((), int)))[2]
 
 
-def _linearised(problem: InverseProblem, y: Float[Array, " n"], progress: Scalar):
-    """Gradient, its change with progress, and a factor of the Hessian, with the function that solves by it."""
-    gradient, change = jax.jvp(
-        lambda t: problem.at(t).discrete_energy().gradient(y), (progress,), (jnp.ones_like(progress),)
-    )
+def _linearised(problem: InverseProblem, y: Float[Array, " k"], progress: Scalar):
+    """Gradient, its change with progress, the function that solves with the Hessian, and its factor; last, what makes
+    a length of each unknown: one, and of a multiplier how far its force moves a vertex."""
+    energy = lambda t: _with_multipliers(problem.at(t).discrete_energy())
+    gradient, change = jax.jvp(lambda t: energy(t).gradient(y), (progress,), (jnp.ones_like(progress),))
     now = problem.at(progress)
-    hessian = now.discrete_energy().hessian(y)
-    solver = problem.linear_solver()
-    assert isinstance(hessian, SparseSymmetric)  # as was checked at the start
-    hessian, basis, held = held_still(hessian, now.rigid_motions(), y)
+    hessian: Any = energy(progress).hessian(y)
+    motions, solver = now.rigid_motions(), problem.linear_solver()
+    lengths = jnp.ones_like(y)
+    if isinstance(hessian, Bordered):
+        forces = jnp.max(jnp.abs(hessian.rows), axis=1)
+        lengths = lengths.at[hessian.n :].set(forces / hessian.size_of_diagonal())
+        motions, solver = padded(motions, len(forces)), BorderedSolver(solver)
+    hessian, basis, held = held_still(hessian, motions, y)
     factor = solver.factorise(hessian)
-    return gradient, change, lambda rhs: solve_held(solver, factor, basis, held, rhs), factor
+    return gradient, change, lambda rhs: solve_held(solver, factor, basis, held, rhs), factor, lengths
+
+
+def _with_multipliers(energy: DiscreteEnergy) -> DiscreteEnergy | Stationary:
+    """The energy; where quantities are held, as a function of their multipliers too."""
+    return energy if energy.quantities is None else Stationary(energy)
 
 
 @eqx.filter_jit
-def _null(problem: InverseProblem, point: _Point) -> Float[Array, " n"]:
+def _null(problem: InverseProblem, point: _Point) -> Float[Array, " k"]:
     """The direction in which the Hessian nearly vanishes, by inverse iteration."""
-    _, _, solve, _ = _linearised(problem, point.y, point.progress)
+    _, _, solve, *_ = _linearised(problem, point.y, point.progress)
     vector = jax.random.normal(jax.random.key(0), point.y.shape, point.y.dtype)
     refine = lambda _, v: (lambda w: w / jnp.linalg.norm(w))(solve(v))
     vector = jax.lax.fori_loop(0, _INVERSE_ITERATIONS, refine, vector)
-    return vector * jnp.sign(vector[jnp.argmax(jnp.abs(vector))])
+    shape = _shape(problem, vector)
+    return vector * jnp.sign(shape[jnp.argmax(jnp.abs(shape))])
 
 
 @eqx.filter_jit
 def _equilibrium(problem: InverseProblem, point: _Point) -> Equilibrium:
     now = problem.at(point.progress)
-    energy = now.discrete_energy()
-    vertices, directors, reactions = now.posed(energy, point.y)
+    energy = under = now.discrete_energy()
+    y, multipliers = _shape(now, point.y), None
+    if energy.quantities is not None:
+        multipliers = point.y[len(y) :]
+        under = energy.held_by(multipliers)
     blank = now.unrelaxed()
     return eqx.tree_at(
-        lambda e: (e.vertices, e.directors, e.reactions, e.energy, e.gradient_norm, e.steps, e.stable),
+        lambda e: (
+            *(e.vertices, e.directors, e.reactions, e.moments),
+            e.multipliers,
+            e.energy,
+            e.gradient_norm,
+            e.steps,
+            e.stable,
+        ),
         blank,
         (
-            vertices,
-            directors,
-            reactions,
-            energy(point.y),
+            *now.posed(under, y),
+            multipliers,
+            energy(y),
             point.gradient_norm,
             point.corrections,
             point.negative == 0,
@@ -371,67 +411,3 @@ def _equilibrium(problem: InverseProblem, point: _Point) -> Equilibrium:
 def _check(problem: InverseProblem, start: Equilibrium | None) -> None:
     if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((problem, start))):
         raise ValueError("trace takes as many steps as the path needs, so it cannot be traced by JAX: use relax.")
-    if any(isinstance(term, Constraint) for _, term in problem.energy.weighted_terms()):
-        raise ValueError("trace: the energy has constraints, about which it does not know; give a load instead.")
-
-
-class DistinctEquilibria(eqx.Module):
-    """Equilibria of one problem that differ in shape, in the order of their energies; printing it shows a table."""
-
-    equilibria: tuple[Equilibrium, ...]
-    found: tuple[int, ...] = eqx.field(static=True)
-    """From how many of the starts each was reached."""
-    failures: tuple[str, ...] = eqx.field(static=True)
-    """Why relaxations from other starts failed."""
-
-    def __str__(self) -> str:
-        lines = ["      energy  found  "]
-        for at, count in zip(self.equilibria, self.found, strict=True):
-            lines.append(f"{float(at.energy):12.5e}  {count:5d}  {'stable' if at.stable else 'unstable'}")
-        return "\n".join([*lines, *(f"failed: {reason}" for reason in self.failures)])
-
-
-def distinct_equilibria(
-    problem: InverseProblem, starts: int = 8, noise: float = 0.5, seed: int = 0, tolerance: float = 1e-4
-) -> DistinctEquilibria:
-    """Relax a shell from perturbed starts, and tell how many shapes it can take: the flat sheet that bends to one side
-    or the other, the shell that is stable inside out.
-
-    What is found depends on the starts: shapes that are not found may exist all the same. On the host.
-
-    **Arguments:**
-
-    - `problem`: the shell.
-    - `starts`: how many perturbed ones there are, beside the surface at rest itself.
-    - `noise`: the standard deviation of the displacement of a vertex, in edges.
-    - `seed`: of the random numbers.
-    - `tolerance`: how far, in edges, two shapes may be apart to count as one. They are brought together by a rigid
-        motion first where all six are free.
-
-    **Returns:**
-
-    The [`shellkit.DistinctEquilibria`][].
-    """
-    edge = float(jnp.mean(edge_lengths(problem.mesh.vertices, problem.mesh)))
-    rng = np.random.default_rng(seed)
-    rest = problem.unrelaxed()
-    shapes, counts, failures = [], [], []
-    for number in range(starts + 1):
-        shift = rng.normal(size=rest.vertices.shape) * noise * edge if number else 0.0
-        equilibrium = problem(eqx.tree_at(lambda e: e.vertices, rest, rest.vertices + shift))
-        if not equilibrium.converged:
-            failures.append(RESULTS[equilibrium.result])
-            continue
-        # Free shells come back in the pose nearest to the surface at rest, all alike.
-        same = [
-            k
-            for k, other in enumerate(shapes)
-            if float(jnp.max(jnp.abs(other.vertices - equilibrium.vertices))) < tolerance * edge
-        ]
-        if same:
-            counts[same[0]] += 1
-        else:
-            shapes.append(equilibrium)
-            counts.append(1)
-    order = sorted(range(len(shapes)), key=lambda k: float(shapes[k].energy))
-    return DistinctEquilibria(tuple(shapes[k] for k in order), tuple(counts[k] for k in order), tuple(failures))

@@ -30,8 +30,8 @@ class Equilibrium(eqx.Module):
     """A shape at which the energy is stationary, or as near as the relaxation came.
 
     `vertices` (and `directors`, the angles by which edge normals are turned, where the energy has them, and
-    `reactions` and `multipliers`, where something is held) are differentiable in all arrays of the problem; the
-    diagnostics are not.
+    `reactions`, `moments` and `multipliers`, where something is held) are differentiable in all arrays of the problem;
+    the diagnostics are not.
     """
 
     mesh: Mesh
@@ -45,6 +45,9 @@ class Equilibrium(eqx.Module):
     reactions: Float[Array, "V 3"] | None
     """Forces by which supports act on the shell, in units of pressure times area; `None` where nothing is held. They
     balance the loads."""
+    moments: Float[Array, "E 3"] | None
+    """Couples by which supports act on the edges whose normal they hold, along each such edge, in units of force times
+    length; `None` where no normal is held. With the moments of the reactions they balance those of the loads."""
     multipliers: Float[Array, " m"] | None
     """Of each constraint of the energy, in the order of its terms: the pressure of a [`shellkit.VolumeConstraint`][],
     minus the tension of an [`shellkit.AreaConstraint`][]; `None` where there is none."""

@@ -219,12 +219,10 @@ class InverseProblem(eqx.Module):
             end, held = minimised_held(still, y0, first, motions, length, self.solver, self._step_limit())
             y, multipliers = differentiable_held(energy, held, motions, linear_solver)
             energy = energy.held_by(multipliers)
-        vertices, directors, reactions = self.posed(energy, y)
-        return self._report(still, end, vertices, directors, reactions, multipliers)
+        return self._report(still, end, self.posed(energy, y), multipliers)
 
-    def _report(
-        self, energy: DiscreteEnergy, end: End, vertices: Array, directors, reactions, multipliers
-    ) -> Equilibrium:
+    def _report(self, energy: DiscreteEnergy, end: End, posed: tuple, multipliers: Array | None) -> Equilibrium:
+        vertices, directors, reactions, moments = posed
         converged = end.result == optx.RESULTS.successful
         result = RESULTS.promote(end.result)
         result = RESULTS.where(end.result == optx.RESULTS.nonlinear_divergence, RESULTS.stuck, result)
@@ -244,6 +242,7 @@ class InverseProblem(eqx.Module):
             vertices=vertices,
             directors=directors,
             reactions=reactions,
+            moments=moments,
             multipliers=multipliers,
             energy=end.value,
             gradient_norm=jnp.linalg.norm(end.gradient),
@@ -306,7 +305,7 @@ class InverseProblem(eqx.Module):
                 y, multipliers = z[:-m], z[-m:]
                 energy = energy.held_by(multipliers)
             equilibrium = eqx.tree_at(
-                lambda e: (e.vertices, e.directors, e.reactions, e.multipliers, e.rest, e.mesh),
+                lambda e: (e.vertices, e.directors, e.reactions, e.moments, e.multipliers, e.rest, e.mesh),
                 equilibrium,
                 (*self.posed(energy, y), multipliers, self.rest_shape(), self.mesh),
                 is_leaf=lambda x: x is None,
@@ -324,14 +323,14 @@ class InverseProblem(eqx.Module):
 
     def unrelaxed(self) -> Equilibrium:
         """The surface at rest as an equilibrium that nothing was done to: for losses that do not look at the shape."""
-        zero, yes = jnp.zeros(()), jnp.array(True)
-        none = jnp.zeros((), jnp.int32)
+        zero, none, yes = jnp.zeros(()), jnp.zeros((), jnp.int32), jnp.array(True)
         return Equilibrium(
             mesh=self.mesh,
             rest=self.rest_shape(),
             vertices=self.mesh.vertices,
             directors=None,
             reactions=None,
+            moments=None,
             multipliers=None,
             energy=zero,
             gradient_norm=zero,
@@ -368,8 +367,10 @@ class InverseProblem(eqx.Module):
         one installed where another minimiser relaxes the shell."""
         return self.solver.linear_solver if isinstance(self.solver, SparseNewton) else default_direct_solver()
 
-    def posed(self, energy: DiscreteEnergy, y: Float[Array, " n"]) -> tuple[Array, Array | None, Array | None]:
-        """What [`shellkit.Equilibrium`][] reports of a shape: positions, directors and reactions.
+    def posed(
+        self, energy: DiscreteEnergy, y: Float[Array, " n"]
+    ) -> tuple[Array, Array | None, Array | None, Array | None]:
+        """What [`shellkit.Equilibrium`][] reports of a shape: positions, directors, reactions and moments.
 
         Of a free shell the pose is that nearest to the surface at rest, with no net translation or rotation.
 
@@ -380,18 +381,17 @@ class InverseProblem(eqx.Module):
 
         **Returns:**
 
-        Vertices, in the unit of the mesh; directors, in radians, or `None`; reactions, in units of pressure times area,
-        or `None` where nothing is held.
+        Vertices; directors, in radians; reactions; moments. Each of the last three is `None` where there are none.
         """
         vertices, directors = energy.state(y)
-        reactions = None
+        reactions, moments = None, energy.held_moments(y)
         if self.assembly.free is not None:
             held = energy.full_gradient(y).at[self.assembly.free].set(0.0)
             reactions, _ = self.assembly.split_forces(held)
         if self.motions is not None and self.motions.all_rigid:
             # The pose is that nearest to the start: no net translation or rotation of the displacement.
             vertices = Kabsch()(vertices, self.mesh.vertices)
-        return vertices, directors, reactions
+        return vertices, directors, reactions, moments
 
     def _step_limit(self) -> int:
         if self.max_steps is not None:

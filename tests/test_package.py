@@ -35,7 +35,7 @@ LAYERS = [
     {"_relaxation"},
     {"_problem", "_director_layers"},
     {"_design"},
-    {"_path", "_continuation", "_analysis", "_fingerprint", "_history", "_gauss_newton"},
+    {"_path", "_continuation", "_distinct", "_analysis", "_fingerprint", "_history", "_gauss_newton"},
     {"_checkpoint", "_progress", "_damping"},
     {"_fit_step"},
     {"_fit_method"},

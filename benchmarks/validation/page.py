@@ -28,6 +28,7 @@ CARDS = {
     "locking": 10,
     "cones": 11,
     "gradients": 12,
+    "roof": 13,
 }
 _MEASURABLE = 1e-9  # an error below this is rounding: it has no order
 

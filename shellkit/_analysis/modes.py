@@ -1,16 +1,20 @@
 """How a shell vibrates about an equilibrium: the lowest modes of its exact Hessian and its lumped mass."""
 
+from typing import Any, TypeAlias
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Scalar
 
-from .._energy import Assembly
+from .._energy import Assembly, Constraint
 from .._equilibrium import Equilibrium
 from .._geometry.surface import edge_lengths, vertex_areas
+from .._holding import Stationary
 from .._problem import InverseProblem
-from .._solve.direct import AbstractSparseSolver, Factor
+from .._solve.bordered import Bordered, BorderedFactor, BorderedSolver
+from .._solve.direct import Factor
 from .._solve.operator import SparseSymmetric
 
 
@@ -20,6 +24,9 @@ from .._solve.operator import SparseSymmetric
 _SMALLEST_SHIFT, _LARGEST_SHIFT, _SHIFT_GROWTH = 1e-11, 1e2, 30.0
 _AT_REST = 1e-12  # forces that would move no vertex by more than this fraction of an edge
 _TOLERANCE = 1e-6
+
+_Solver: TypeAlias = Any  # AbstractSparseSolver | BorderedSolver, each with its own factor
+_Factor: TypeAlias = Factor | BorderedFactor
 
 
 class Modes(eqx.Module):
@@ -57,7 +64,9 @@ def vibration_modes(problem: InverseProblem, count: int = 10, equilibrium: Equil
     with $H$ the exact Hessian of the energy in the free unknowns and $M$ the lumped mass of a shell of unit mass per
     area of its surface at rest: a third of the area of its faces to each vertex. A shell of density $\rho$ and
     thickness $h$ has the angular frequencies $\sqrt{\omega / \rho h}$. Free directors carry no mass and follow. Rigid
-    motions that nothing resists are among the modes, with eigenvalue zero.
+    motions that nothing resists are among the modes, with eigenvalue zero. Where the energy has constraints the
+    shapes are those that keep to first order what is held, and $H$ has the curvature of what holds it: the Hessian of
+    the energy less multipliers times quantities.
 
     Found by Lanczos' method on the factorised, slightly shifted Hessian, then refined together with the rigid motions.
     Not for use under `jax.jit`, and not differentiable.
@@ -67,7 +76,7 @@ def vibration_modes(problem: InverseProblem, count: int = 10, equilibrium: Equil
     - `problem`: the shell.
     - `count`: how many modes; at most half of those that there are.
     - `equilibrium`: the shape to vibrate about; by default the surface at rest if that is an equilibrium, else
-        `problem()`.
+        `problem()`. Its multipliers, where the energy has constraints, are taken from it too.
 
     **Returns:**
 
@@ -75,8 +84,8 @@ def vibration_modes(problem: InverseProblem, count: int = 10, equilibrium: Equil
 
     **Raises:**
 
-    `ValueError` if `count` is out of range, the energy has constraints, about which nothing is known here, or the
-    Hessian is not finite or cannot be made positive definite by adding mass.
+    `ValueError` if `count` is out of range, or the Hessian is not finite or cannot be made positive definite by adding
+    mass.
 
     ??? cite "Source"
 
@@ -90,19 +99,21 @@ def vibration_modes(problem: InverseProblem, count: int = 10, equilibrium: Equil
     _check_count(problem, count)
     if equilibrium is None:
         equilibrium = problem.unrelaxed()
-        pencil = _pencil(problem, equilibrium.vertices, None)
+        pencil = _pencil(problem, equilibrium)
         if pencil.imbalance > _AT_REST:
             equilibrium = problem()
-            pencil = _pencil(problem, equilibrium.vertices, equilibrium.directors)
+            pencil = _pencil(problem, equilibrium)
     else:
-        pencil = _pencil(problem, equilibrium.vertices, equilibrium.directors)
+        pencil = _pencil(problem, equilibrium)
     solver = problem.linear_solver()
+    if isinstance(pencil.stiffness, Bordered):
+        solver = BorderedSolver(solver)
     factor, shift = _factorise(solver, pencil)
 
     n = pencil.mass.shape[0]
     operator = lambda matvec: LinearOperator((n, n), matvec=matvec, dtype=float)  # pyright: ignore[reportCallIssue]
     _, found = eigsh(
-        operator(lambda shape: np.asarray(pencil.stiffness.mv(jnp.asarray(shape).reshape(n)))),
+        operator(lambda shape: np.asarray(pencil.image(jnp.asarray(shape).reshape(n)))),
         k=count,
         M=diags_array(np.asarray(pencil.mass)),
         sigma=-float(shift),
@@ -123,6 +134,7 @@ def _check_count(problem: InverseProblem, count: int) -> None:
     available = massive if free is None else int(np.count_nonzero(np.asarray(free) < massive))
     if problem.motions is not None:
         available -= problem.motions.count
+    available -= sum(isinstance(term, Constraint) for _, term in problem.energy.weighted_terms())
     if not 1 <= count <= available // 2:
         raise ValueError(
             f"vibration_modes: count={count}, but it must be between 1 and {available // 2}, half the number of modes; "
@@ -133,7 +145,7 @@ def _check_count(problem: InverseProblem, count: int) -> None:
 class _Pencil(eqx.Module):
     """Stiffness and lumped mass of the free unknowns, and the rigid motions that cost nothing."""
 
-    stiffness: SparseSymmetric
+    stiffness: SparseSymmetric | Bordered
     mass: Float[Array, " n"]
     rigid: Float[Array, "k n"] | None
     """One a row, orthonormal in the mass."""
@@ -146,19 +158,33 @@ class _Pencil(eqx.Module):
         """The part of some shapes that is orthogonal, in the mass, to rigid motions."""
         return shapes if self.rigid is None else shapes - (shapes * self.mass) @ self.rigid.T @ self.rigid
 
+    def image(self, shape: Float[Array, " n"]) -> Float[Array, " n"]:
+        """Stiffness times a shape; springs that hold quantities resist it as well."""
+        stiffness = self.stiffness
+        if isinstance(stiffness, SparseSymmetric):
+            return stiffness.mv(shape)
+        springs = stiffness.compliances > 0
+        forces = jnp.where(springs, stiffness.rows @ shape / jnp.where(springs, stiffness.compliances, 1.0), 0.0)
+        return stiffness.sparse.mv(shape) + forces @ stiffness.rows
+
     def self_balanced(self, loads: Float[Array, "k n"]) -> Float[Array, "k n"]:
         """The part of some loads that does no work on rigid motions."""
         return loads if self.rigid is None else loads - (loads @ self.rigid.T) @ (self.rigid * self.mass)
 
 
 @eqx.filter_jit
-def _pencil(problem: InverseProblem, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None) -> _Pencil:
+def _pencil(problem: InverseProblem, equilibrium: Equilibrium) -> _Pencil:
     assembly, mesh = problem.assembly, problem.mesh
     energy = problem.discrete_energy()
-    y = assembly.restrict(assembly.join(vertices, directors))
-    stiffness = energy.hessian(y)
-    if not isinstance(stiffness, SparseSymmetric):
-        raise ValueError("vibration_modes: the energy has constraints, about which it does not know; take them out.")
+    y = assembly.restrict(assembly.join(equilibrium.vertices, equilibrium.directors))
+    if energy.quantities is None:
+        stiffness = matrix = energy.hessian(y)
+    else:
+        m = len(energy.quantities.targets)
+        multipliers = jnp.zeros(m) if equilibrium.multipliers is None else equilibrium.multipliers
+        stiffness = Stationary(energy).hessian(jnp.concatenate([y, multipliers]))
+        energy, matrix = energy.held_by(multipliers), stiffness.sparse
+    assert isinstance(matrix, SparseSymmetric)
     areas = vertex_areas(mesh.vertices, mesh)
     mass = assembly.restrict(jnp.concatenate([jnp.repeat(areas, 3), jnp.zeros(assembly.n_directors)]))
     rigid = None
@@ -167,14 +193,14 @@ def _pencil(problem: InverseProblem, vertices: Float[Array, "V 3"], directors: F
         fields = motions(y)
         gram = fields.T @ (mass[:, None] * fields)
         rigid = jax.scipy.linalg.solve_triangular(jnp.linalg.cholesky(gram), fields.T, lower=True)
-    diagonal = jnp.abs(stiffness.values[stiffness.pattern.diagonal])
+    diagonal = jnp.abs(matrix.values[matrix.pattern.diagonal])
     force = jnp.max(jnp.abs(energy.gradient(y)))
     imbalance = force / (jnp.mean(diagonal) * jnp.mean(edge_lengths(mesh.vertices, mesh)))
     unit = jnp.max(jnp.where(mass > 0, diagonal / jnp.where(mass > 0, mass, 1.0), 0.0))
     return _Pencil(stiffness, mass, rigid, imbalance, unit)
 
 
-def _factorise(solver: AbstractSparseSolver, pencil: _Pencil) -> tuple[Factor, Scalar]:
+def _factorise(solver: _Solver, pencil: _Pencil) -> tuple[_Factor, Scalar]:
     """Factorise H + sM with the smallest shift s tried that makes it positive definite."""
     shift = _SMALLEST_SHIFT
     while shift < _LARGEST_SHIFT:
@@ -189,41 +215,40 @@ def _factorise(solver: AbstractSparseSolver, pencil: _Pencil) -> tuple[Factor, S
 
 
 @eqx.filter_jit
-def _factorise_shifted(solver: AbstractSparseSolver, pencil: _Pencil, shift: Scalar) -> Factor:
-    pattern, values = pencil.stiffness.pattern, pencil.stiffness.values
-    return solver.factorise(SparseSymmetric(pattern, values.at[pattern.diagonal].add(shift * pencil.mass)))
+def _factorise_shifted(solver: _Solver, pencil: _Pencil, shift: Scalar) -> _Factor:
+    sparse = pencil.stiffness.sparse if isinstance(pencil.stiffness, Bordered) else pencil.stiffness
+    added = jnp.zeros_like(sparse.values).at[sparse.pattern.diagonal].add(shift * pencil.mass)
+    return solver.factorise(pencil.stiffness.plus(added))
 
 
 @eqx.filter_jit
-def _solve(
-    solver: AbstractSparseSolver, factor: Factor, pencil: _Pencil, loads: Float[Array, "k n"]
-) -> Float[Array, "k n"]:
+def _solve(solver: _Solver, factor: _Factor, pencil: _Pencil, loads: Float[Array, "k n"]) -> Float[Array, "k n"]:
     """(H + sM)⁻¹ on the complement of rigid motions, which a small shift leaves nearly free."""
     return pencil.elastic(solver.solve(factor, pencil.self_balanced(loads)))
 
 
 @eqx.filter_jit
 def _subspace(
-    solver: AbstractSparseSolver, factor: Factor, pencil: _Pencil, found: Float[Array, "k n"]
+    solver: _Solver, factor: _Factor, pencil: _Pencil, found: Float[Array, "k n"]
 ) -> tuple[Float[Array, "m n"], Float[Array, "m m"], Float[Array, "m m"]]:
     """A basis of rigid motions and the modes found, improved; with twice its energies, and its masses."""
     basis = _solve(solver, factor, pencil, found * pencil.mass)
     basis = basis if pencil.rigid is None else jnp.concatenate([pencil.rigid, basis])
-    energies = basis @ jax.vmap(pencil.stiffness.mv)(basis).T
+    energies = basis @ jax.vmap(pencil.image)(basis).T
     return basis, 0.5 * (energies + energies.T), basis @ (pencil.mass * basis).T
 
 
 @eqx.filter_jit
 def _errors(
-    solver: AbstractSparseSolver,
-    factor: Factor,
+    solver: _Solver,
+    factor: _Factor,
     pencil: _Pencil,
     shift: Scalar,
     values: Float[Array, " k"],
     shapes: Float[Array, "k n"],
 ) -> Float[Array, " k"]:
     """Bounds on the errors of eigenvalues: the residual in the norm of the inverse, and rounding."""
-    residuals = jax.vmap(pencil.stiffness.mv)(shapes) - values[:, None] * pencil.mass * shapes
+    residuals = jax.vmap(pencil.image)(shapes) - values[:, None] * pencil.mass * shapes
     corrections = _solve(solver, factor, pencil, residuals)
     sizes = jnp.sqrt(jnp.sum(pencil.mass * corrections**2, axis=1))
     return jnp.abs(values + shift) * sizes + jnp.finfo(values.dtype).eps * pencil.unit

@@ -89,6 +89,10 @@ class DiscreteEnergy(eqx.Module):
         """The gradient in all unknowns; on the held ones it is the force by which their support acts on the shell."""
         return self._value_and_full_gradient(y)[1]
 
+    def held_moments(self, y: Float[Array, " n"]) -> Float[Array, "E 3"] | None:
+        """The couples by which supports act on the edges whose normal they hold; `None` where no normal is held."""
+        return None if self.faces is None else self.faces.held_moments(*self.state(y))
+
     def gradient(self, y: Float[Array, " n"]) -> Float[Array, " n"]:
         """The gradient in the free unknowns."""
         return self.assembly.restrict(self.full_gradient(y))

@@ -101,6 +101,20 @@ class FaceEnergies(eqx.Module):
             parts.append(director_signs(self.mesh) / self.director_length * stress[3:])
         return jnp.concatenate(parts)
 
+    def held_moments(
+        self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None
+    ) -> Float[Array, "E 3"] | None:
+        """The derivative of the energy as the surface beyond a held edge turns, as a vector along each edge; `None`
+        where the normal of no edge is held."""
+        triangles, hinges, numbers = self._intrinsic(vertices, directors)
+        if hinges is None or hinges.listed is None:
+            return None
+        # The half angle to a held normal is all of the angle, which grows as the arm turns about the face's edge.
+        stress = jnp.stack(self._value_and_stress(*numbers)[4:])
+        along = triangles.edges / jnp.sqrt(triangles.squared_lengths)[:, None]
+        turns = jnp.where(hinges.listed, stress, 0.0)[:, None] * along
+        return jnp.zeros((self.mesh.n_edges, 3)).at[self.mesh.face_edges.T].add(jnp.moveaxis(turns, 1, 2))
+
     def derivatives(
         self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None
     ) -> tuple[Scalar, Float[Array, "m F"], FaceHessians]:

@@ -1,6 +1,7 @@
 """Modes of vibration against dense decompositions, and against the exact spectrum of a spherical shell."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -86,6 +87,39 @@ def test_an_unstable_shape_has_negative_eigenvalues(problem):
     modes = sk.vibration_modes(grown, count=12, equilibrium=problem.unrelaxed())
     assert modes.eigenvalues[0] < -1e-3
     np.testing.assert_allclose(modes.eigenvalues, dense(grown, grown.mesh.vertices)[:12], atol=1e-11)
+
+
+@pytest.mark.slow
+def test_what_is_held_stays_so_in_the_modes():
+    """A shell blown up to a volume, its skin on a spring: against a dense decomposition of the Hessian of energy,
+    springs and multipliers on all motions that keep the volume."""
+    mesh = sk.meshes.icosphere(subdivisions=1)
+    volume, area = (float(measure(mesh.vertices, mesh)) for measure in (sk.enclosed_volume, sk.surface_area))
+    bare = shell(mesh, 0.1)
+    stiffness = 0.01
+    held = sk.VolumeConstraint(1.2 * volume) + sk.AreaConstraint(0.9 * area, stiffness=stiffness)
+    equilibrium = sk.InverseProblem(mesh, 0.1, bare.energy + held)()
+    assert equilibrium.converged
+    modes = sk.vibration_modes(sk.InverseProblem(mesh, 0.1, bare.energy + held), count=16, equilibrium=equilibrium)
+
+    at = equilibrium.vertices
+    pressure = float(equilibrium.multipliers[0])
+    tension = stiffness * (float(sk.surface_area(at, mesh)) - 0.9 * area)
+    forces = lambda x: -pressure * sk.enclosed_volume(x, mesh) + tension * sk.surface_area(x, mesh)
+    n = at.size
+    flat = lambda function: lambda y: function(y.reshape(-1, 3))
+    hessian = np.asarray(bare.hessian(at).as_matrix()) + jax.hessian(flat(forces))(at.reshape(-1))
+    by_volume, by_area = (
+        np.asarray(jax.grad(flat(lambda x, measure=measure: measure(x, mesh)))(at.reshape(-1)))
+        for measure in (sk.enclosed_volume, sk.surface_area)
+    )
+    hessian = hessian + stiffness * np.outer(by_area, by_area)
+    keep = scipy.linalg.null_space(by_volume[None])
+    mass = keep.T @ (masses(mesh)[:, None] * keep)
+    exact = scipy.linalg.eigh(keep.T @ hessian @ keep, mass, eigvals_only=True)
+    np.testing.assert_allclose(modes.eigenvalues, exact[:16], atol=1e-12)
+    np.testing.assert_allclose(np.asarray(modes.modes).reshape(16, n) @ by_volume, 0.0, atol=1e-10)
+    assert modes.converged
 
 
 @pytest.mark.slow

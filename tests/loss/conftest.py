@@ -20,6 +20,7 @@ def equilibrium_at(mesh, vertices, rest_metric=None):
         vertices=jnp.asarray(vertices),
         directors=None,
         reactions=None,
+        moments=None,
         multipliers=None,
         energy=jnp.asarray(0.0),
         gradient_norm=jnp.asarray(0.0),

@@ -106,13 +106,56 @@ def test_shapes_that_a_shallow_roof_can_take():
     assert "stable" in str(found)
 
 
+BALL = sk.meshes.icosphere(subdivisions=0)
+VOLUME, AREA = (float(measure(BALL.vertices, BALL)) for measure in (sk.enclosed_volume, sk.surface_area))
+UNIT = 2 * STIFFNESS * 0.05 * AREA / (3 * VOLUME)
+
+
+def pressure(radius):
+    """Of a rubber balloon of this shape, which stays an icosahedron: dE/dV of ½ μ h A (2ρ² + ρ⁻⁴ − 3)."""
+    return UNIT * (1 / radius - radius**-7)
+
+
+def balloon(held):
+    return sk.InverseProblem(BALL, 0.05, sk.IncompressibleNeoHookean(STIFFNESS) + held)
+
+
+def radii(branch):
+    found = jnp.linalg.norm(branch.vertices, axis=2) / jnp.linalg.norm(BALL.vertices, axis=1)
+    np.testing.assert_allclose(found, found[:, :1] * jnp.ones(BALL.n_vertices), rtol=1e-9)
+    return found[:, 0]
+
+
+def test_a_balloon_that_is_filled_passes_its_greatest_pressure():
+    branch = sk.trace(balloon(sk.Inflation(6.0)), sk.ArcLength(first=0.1))
+    assert branch.complete and not branch.critical
+    rho = radii(branch)
+    np.testing.assert_allclose(rho**3, 1 + 5 * branch.progress, rtol=1e-9)
+    np.testing.assert_array_equal(branch.negative, 0)
+    found = jnp.stack([at.multipliers[0] for at in branch.equilibria])
+    np.testing.assert_allclose(found, pressure(rho), atol=1e-9 * UNIT)
+    assert float(rho[jnp.argmax(found)]) < 1.6 < float(rho[-1])  # the greatest is at 7^(1/6) = 1.38
+
+
+def test_a_balloon_filled_through_a_spring_snaps_where_it_should():
+    """The fluid wanted, V₀ = V + p(V)/k, has a greatest and a least value on the way: limit points that are known."""
+    stiffness, most = 0.012 * UNIT / VOLUME, 60.0
+    wanted = lambda rho: rho**3 + pressure(rho) / stiffness / VOLUME
+    branch = sk.trace(
+        balloon(sk.VolumeConstraint(most * VOLUME, stiffness=stiffness)), sk.ArcLength(first=0.02, longest=3.0)
+    )
+    np.testing.assert_allclose(wanted(radii(branch)), 1 + (most - 1) * branch.progress, rtol=1e-9)
+    fine = np.linspace(1.3, 3.0, 2_000_001)
+    turning = fine[1:-1][np.diff(np.sign(np.diff(wanted(fine)))) != 0]
+    limits = [point for point in branch.critical if point.kind == "limit point"]
+    assert len(turning) == len(limits) == 2
+    for rho, point in zip(turning, limits, strict=True):
+        np.testing.assert_allclose(1 + (most - 1) * point.progress, wanted(rho), rtol=1e-9)
+
+
 def test_refusals():
     problem = truss(2.0, 1.0, 0.1)
     with pytest.raises(ValueError, match="cannot be traced by JAX"):
         eqx.filter_jit(lambda p: sk.trace(p).progress)(problem)
     with pytest.raises(ValueError, match="must be positive"):
         sk.ArcLength(first=0.0)
-    ball = sk.meshes.icosphere(subdivisions=0)
-    held = sk.InverseProblem(ball, 0.1, sk.StVenantKirchhoff(1.0, 1.0) + sk.VolumeConstraint())
-    with pytest.raises(ValueError, match="constraints"):
-        sk.trace(held)

@@ -32,6 +32,7 @@ def equilibrium_of():
             vertices=vertices,
             directors=None,
             reactions=None,
+            moments=None,
             multipliers=None,
             energy=zero,
             gradient_norm=zero,

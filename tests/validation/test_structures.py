@@ -1,9 +1,10 @@
-"""Cards 7 to 10 of the validation, on coarse meshes: plates, strips, large displacements and thin curved shells."""
+"""Cards 7 to 10 and 13 of the validation, on coarse meshes: plates, strips, large displacements, thin curved shells and
+roofs that snap through."""
 
 import pytest
 
 import shellkit as sk
-from benchmarks.validation.cards import elastica, large, locking, plate
+from benchmarks.validation.cards import elastica, large, locking, plate, roof
 from benchmarks.validation.figures import Figure, order
 from benchmarks.validation.linear import displacement
 from benchmarks.validation.meshes import KINDS
@@ -45,3 +46,20 @@ def test_hemisphere_is_moved_as_published():
 def test_curved_shells_do_not_lock(scene, kind):
     problem, read, exact = scene(kind, 32)
     assert abs(read(displacement(problem)) / exact - 1) < 2e-2
+
+
+@pytest.mark.slow
+def test_thick_roof_snaps_through_at_the_published_load():
+    problem = roof.roof("R", 6, roof.THICK)
+    first, *_ = roof.limits(roof.path(problem))
+    assert abs(float(first.progress) / roof.LIMIT - 1) < 4e-2
+    assert abs(roof.down(problem, first.equilibrium.vertices) / roof.DOWN - 1) < 4e-2
+
+
+@pytest.mark.slow
+def test_thin_roof_snaps_back():
+    problem = roof.roof("R", 6, roof.THIN)
+    branch = roof.path(problem)
+    assert len(roof.limits(branch)) == 2
+    assert roof.turns(roof.down(problem, branch.vertices)) == 2  # the middle goes back up while the load falls
+    assert abs(roof.imbalance(problem, branch)) < 1e-2
