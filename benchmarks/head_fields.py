@@ -43,9 +43,10 @@ def page(rows: list[Row]) -> str:
                 str(len(found)),
                 str(len(done)),
                 str(sum(field["stable"] for field in done)),
-                "; ".join(sorted({field["result"] for field in found if not field["converged"]})) or "–",
+                # The first of its sentences says what happened, the others what to do.
+                "; ".join(sorted({field["result"].split(":")[0] for field in found if not field["converged"]})) or "–",
                 *(_median_and_most([field[name] for field in done]) for name in ("steps", "factorisations")),
-                report.small(max((field["force_norm"] for field in done), default=0.0)),
+                report.small(max(field["force_norm"] for field in done)) if done else "",
                 report.seconds(statistics.median(field["seconds"] for field in found)),
             ]
         )

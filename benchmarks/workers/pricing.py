@@ -34,7 +34,7 @@ def build(name: str, mesh: sk.Mesh) -> sk.InverseProblem:
     if name == "volume":
         energy = energy + sk.Inflation(1.4)
     if name in ("gravity", "contact"):
-        energy = energy + sk.Gravity(0.02)
+        energy = energy + sk.Gravity(0.001)
     if name == "contact":
         energy = energy + sk.PlaneContact([1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], stiffness=1.0, softness=0.02)
     supports = None
