@@ -128,7 +128,7 @@ def printed(name: str, number: int = 0) -> str:
     command = f"python examples/{name}.py {record['arguments']}".rstrip()
     return (
         f"```text\n$ {command}\n{record['output']}\n```\n\n*{_time(record['processor_seconds'])} of a processor, "
-        f"compilation and drawing included, in {_time(record['seconds'])} beside other work: {record['machine']}; "
+        f"compilation and drawing included, in {_time(record['seconds'])}: {record['machine']}; "
         f"{record['date']}.*"
     )
 
