@@ -8,6 +8,8 @@ import pytest
 if "PYTEST_XDIST_WORKER" in os.environ:
     # Workers share the cores already; threads of the solver that spin for each other would only slow them down.
     os.environ.setdefault("OMP_NUM_THREADS", "1")
+# Nearly all of a test's time is compilation, of programs that run once on small meshes.
+os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_llvm_disable_expensive_passes=true")
 
 import jax
 import jaxtyping
