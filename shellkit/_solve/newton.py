@@ -28,7 +28,7 @@ _SMALLEST_SHIFT, _LARGEST_SHIFT = 1e-4, 1e8  # in units of the mean diagonal ent
 _SHIFT_GROWTH, _SHIFT_DECAY = 4.0, 0.1
 _HALF_CONVEX, _DAMPING = 1e-3, 1e-6  # the shift at which the model is half convex, and the identity's part in it
 _MAX_SHIFTS = 8
-_FLOOR = 1e-5  # steps below this fraction of the typical length that lower nothing are rounding
+_FLOOR = 1e-5  # steps below this fraction of the typical length may be too small for the energy to show
 _SADDLE = 1e-2  # steps below this fraction of the typical length, with a shift, may be at a saddle
 _INVERSE_ITERATIONS = 8
 
@@ -161,9 +161,10 @@ class SparseNewton(optx.AbstractMinimiser):
         regular = (shift == 0) & _usable(factor) & ~state.leaving
         moved, length, settled = _descend(scene, point, direction, solve, state.leaving, regular, self.rtol)
 
-        # No step lowers the energy: that is the rounding floor if the step left to take is tiny.
         stalled = length == 0
-        settled = settled | (stalled & regular & (size < _FLOOR * scene.length))
+        # A tiny step that even the gradient rejects is made of rounding.
+        floor = (size < _FLOOR * scene.length) & (length < 0.2)
+        settled = settled | (regular & (floor | (size <= self.rtol * scene.length)))
         small = size < _SADDLE * scene.length
         # More than one try means that the matrix was just seen not to be definite.
         leaving = (shift > 0) & ~state.leaving & (stalled | (small & (tries > 1)))
@@ -294,8 +295,11 @@ def _descend(
     correction was within tolerance.
     """
     slope = point.gradient @ direction
-    noise = _NOISE * jnp.finfo(point.y.dtype).eps * jnp.abs(point.value)
-    near = regular & (jnp.max(jnp.abs(direction)) < scene.length)
+    size = jnp.max(jnp.abs(direction))
+    near = regular & (size < scene.length)
+    # An energy close to zero is a sum of squares of differences: it has fewer digits than its size says.
+    tiny = regular & (size < _FLOOR * scene.length)
+    noise = jnp.where(tiny, jnp.inf, _NOISE * jnp.finfo(point.y.dtype).eps * jnp.abs(point.value))
 
     def attempt(now: _Descent) -> _Descent:
         y = now.point.y + jnp.where(now.searching, now.length, 1.0) * now.direction
