@@ -2,6 +2,7 @@
 JAX. The search has no derivative and needs none: the closest point is computed again from what was found, so that all
 its derivatives are exact wherever the nearest corner, edge or inside of a triangle stays the same under small moves."""
 
+import atexit
 import functools
 import importlib.util
 from typing import NamedTuple
@@ -164,7 +165,7 @@ def search_faces(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray) ->
     found = np.zeros(len(points), np.int32)
     known = np.isfinite(points).all(axis=1)
     if np.isfinite(vertices).all() and known.any():
-        search = _search_by_scipy if (igl := _igl()) is None else igl.point_mesh_squared_distance
+        search = _search_by_scipy if _igl() is None else _search_by_tree
         found[known] = search(points[known], vertices, faces.astype(np.int64))[1]
     return found
 
@@ -172,6 +173,25 @@ def search_faces(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray) ->
 @functools.cache
 def _igl():
     return importlib.import_module("igl") if importlib.util.find_spec("igl") else None
+
+
+def _search_by_tree(points, vertices, faces):
+    """Squared distances and numbers of the nearest faces, by a tree of boxes that is kept for the next search: an
+    alignment asks for the same surface dozens of times."""
+    vertices, faces = np.ascontiguousarray(vertices, float), np.ascontiguousarray(faces)
+    tree = _tree(vertices.tobytes(), faces.tobytes())
+    return tree.squared_distance(vertices, faces, np.ascontiguousarray(points, float))
+
+
+@functools.lru_cache(maxsize=4)
+def _tree(vertices: bytes, faces: bytes):
+    tree = _igl().AABB()
+    tree.init(np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(faces, np.int64).reshape(-1, 3))
+    return tree
+
+
+# Trees that outlive the interpreter are reported as leaks by the library.
+atexit.register(_tree.cache_clear)
 
 
 def _search_by_scipy(points, vertices, faces):
