@@ -1,6 +1,6 @@
-"""A monkey's head that becomes a sphere: the tutorial's last design, with the gradient and to second order. The
-problem has the tutorial's settings, Adam a schedule of its own; the mesh is another one of the same head, see
-meshes/README.md."""
+"""A monkey's head that becomes a sphere: the tutorial's last design, with the gradient and to second order. The head
+and its energy are the tutorial's, and designs are judged by the tutorial's loss; what is trained asks for more of the
+shape. The mesh is another one of the same head, see meshes/README.md."""
 
 import argparse
 from pathlib import Path
@@ -22,6 +22,8 @@ SUZANNE = Path(__file__).parent / "meshes" / "suzanne.obj"
 # What the tutorial prints after 100 steps on its own mesh of 1362 vertices, and how long its text says that takes.
 TUTORIAL: tuple[str, ...] = ("0.0339", "0.0026", "0.0324", "0.060", "45°", "0", "1.6 h", "1.6 h")
 
+TUTORIAL_LOSS = sk.Sphericity() + 1e-2 * sk.DirectorSmoothness() + 1e-4 * sk.FoldPenalty()
+
 angles = lambda p: (p.actuation.top.angle, p.actuation.bottom.angle)
 
 
@@ -33,16 +35,18 @@ def suzanne_problem(mesh: sk.Mesh, form: Literal["sin", "tan"] = "tan") -> sk.In
         thickness=0.1,
         actuation=sk.Bilayer(top=layer, bottom=layer),
         energy=sk.NeoHookean(bulk=1.0, shear=1.0) + sk.Bending(alpha=1.0, beta=1.0, form=form),
-        loss=sk.Sphericity() + 1e-2 * sk.DirectorSmoothness() + 1e-4 * sk.FoldPenalty(),
+        # The tutorial's loss would trade a rounder shape for smoother directors.
+        loss=2 * sk.Sphericity() + 1e-2 * sk.DirectorSmoothness() + 1.5e-4 * sk.FoldPenalty(),
         # A relaxation that needs more steps has met a fold or a snap; to be told so late only takes time.
-        solver=sk.SparseNewton(max_steps=20),
+        solver=sk.SparseNewton(max_steps=40),
     )
 
 
 def adam(steps: int) -> optax.GradientTransformation:
     """Where the shell is about to snap, the gradient leaps to fifty times its size, and what Adam remembers of that
-    would stop it for hundreds of steps: so it is clipped, and forgotten sooner. The tutorial's rate begins at 0.5, with
-    which the directors first lose all order."""
+    would stop it for hundreds of steps: so it is clipped, and forgotten sooner. After a snap the loss is up to twice
+    what it was, and below it again a few steps later. The tutorial's rate begins at 0.5, with which the directors first
+    lose all order."""
     rate = optax.cosine_decay_schedule(0.15, steps, alpha=0.02)
     return optax.chain(optax.clip_by_global_norm(0.004), optax.adam(rate, b2=0.99))
 
@@ -54,7 +58,7 @@ def figures(result: sk.FitResult) -> tuple[str, ...]:
     return (
         f"{result.history['Sphericity'][0]:.4f}",
         f"{sk.Sphericity()(shape, result.problem.actuation):.4f}",
-        f"{result.best_loss:.4f}",
+        f"{TUTORIAL_LOSS(shape, result.problem.actuation):.4f}",
         f"{radii.std() / radii.mean():.3f}",
         f"{dihedral.max():.0f}°",
         f"{np.sum(dihedral > 90)}",
@@ -69,8 +73,8 @@ def main() -> None:
     parser.add_argument(
         "--form", choices=("sin", "tan"), default="tan", help="of the bending energy; the tutorial: sin"
     )
-    parser.add_argument("--steps", type=int, default=120, help="of Adam")
-    parser.add_argument("--second-order-steps", type=int, default=20, help="of Levenberg and Marquardt")
+    parser.add_argument("--steps", type=int, default=200, help="of Adam")
+    parser.add_argument("--second-order-steps", type=int, default=60, help="of Levenberg and Marquardt")
     parser.add_argument("--quick", action="store_true", help="a few steps of Adam, to see that all runs")
     parser.add_argument("--out", type=Path, default=Path("out/suzanne"), help="folder for the results")
     options = parser.parse_args()
@@ -78,23 +82,24 @@ def main() -> None:
     print(mesh.quality())
 
     methods = {
-        "adam": (adam(options.steps), options.steps),
-        "levenberg": (optx.LevenbergMarquardt(rtol=1e-6, atol=1e-9), options.second_order_steps),
+        "adam": (adam(options.steps), options.steps, None),
+        # It would otherwise stop at the first edge over which the shell snaps.
+        "levenberg": (optx.LevenbergMarquardt(rtol=1e-6, atol=1e-9), options.second_order_steps, 2.0),
     }
     if options.quick:
-        methods = {"adam": (adam(3), 3)}
+        methods = {"adam": (adam(3), 3, None)}
     elif options.method != "both":
         methods = {options.method: methods[options.method]}
     problem = suzanne_problem(mesh, options.form)
     columns, results = {"tutorial": TUTORIAL}, {}
     options.out.mkdir(parents=True, exist_ok=True)
-    for name, (optimiser, steps) in methods.items():
+    for name, (optimiser, steps, max_rise) in methods.items():
         # The same call made again goes on from the file: delete it to begin anew.
         file = None if options.quick else options.out / f"{name}_{options.form}.fit"
-        options_of_fit = {"checkpoint": file, "warm_start": "last", "max_rise": 0.1, "check_every": 50}
+        options_of_fit = {"checkpoint": file, "warm_start": "last", "max_rise": max_rise, "check_every": 50}
         results[name] = sk.fit(problem, optimiser, steps=steps, where=angles, **options_of_fit)
         columns[name] = figures(results[name])
-    names = ("sphericity at the start", "sphericity of the design", "loss of the design", "std(r) / mean(r)")
+    names = ("sphericity at the start", "sphericity of the design", "tutorial's loss of it", "std(r) / mean(r)")
     names += ("largest dihedral angle", "edges beyond 90°", "time, with compilation", "after the first two steps")
     print(f"{'':<26}" + "".join(f"{name:>12}" for name in columns))
     for row in zip(names, *columns.values(), strict=True):

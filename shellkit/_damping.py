@@ -11,7 +11,7 @@ from ._gauss_newton import Model
 _NEGLIGIBLE = 1e-10  # relative size below which a singular value is taken as zero by the rules that divide by it
 _FIRST_DAMPING = 1e-3  # in units of the largest eigenvalue of JᵀJ
 _LARGEST_REFUSAL = 2.0**10
-_FASTEST_DECAY = 0.1
+_FASTEST_DECAY, _FASTEST_GROWTH = 0.1, 2.0  # the latter for a loss that rose, where the fit allows that
 
 
 class Rule(abc.ABC):
@@ -57,7 +57,7 @@ class Damped(Rule):
         return control * min(2.0**streak, _LARGEST_REFUSAL)
 
     def accepted(self, control: float, length: float, gain: float) -> float:
-        return control * max(_FASTEST_DECAY, 1 - (2 * gain - 1) ** 3)
+        return control * min(_FASTEST_GROWTH, max(_FASTEST_DECAY, 1 - (2 * gain - 1) ** 3))
 
     def damping(self, control: float) -> float:
         return control
@@ -76,7 +76,7 @@ class Undamped(Rule):
         return control / 2
 
     def accepted(self, control: float, length: float, gain: float) -> float:
-        return min(1.0, 2 * control)
+        return control if gain < 0 else min(1.0, 2 * control)
 
 
 class Dogleg(Rule):

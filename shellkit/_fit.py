@@ -102,7 +102,8 @@ def fit(
     - `max_refusals`: how many designs in a row to refuse before the fit stops.
     - `max_rise`: turn a design down if its loss is above that of the step before by more than this fraction of it, at
         most four in a row: the one after these is taken. Nor is a warm start that fails tried again from rest before
-        that. `None`: never. Least-squares solvers ask for less anyway.
+        that. `None`: never. A least-squares solver goes downhill unless this lets it climb, over the edge of a snap,
+        say; it takes no other design, however many are turned down.
     - `unconverged`: `"accept"` designs whose relaxation did not converge, where a minimiser stops short of its
         tolerance as a rule; their gradients are only about right.
     - `warm_start`: start each relaxation from `"rest"`, from the `"last"` equilibrium, or from its first-order
@@ -132,7 +133,7 @@ def fit(
     _check_count("patience", 1 if patience is None else patience)
     _check_count("max_refusals", max_refusals, least=0)
     design, values = split(problem, where, bounds)
-    method = _method(problem, optimiser)
+    method = _method(problem, optimiser, max_rise)
     loop = Loop(design, method, unconverged == "refuse", warm_start, check_every, max_refusals, max_rise)
     run, history = loop.begin(values), History()
     path = None if checkpoint is None else _checkpoint.prepare(checkpoint)
@@ -190,7 +191,7 @@ def _on_plateau(loss: np.ndarray, patience: int, tolerance: float) -> bool:
     return bool(lately >= before - tolerance * abs(before))
 
 
-def _method(problem: Any, optimiser: Any) -> Method:
+def _method(problem: Any, optimiser: Any, max_rise: float | None) -> Method:
     import optax
 
     if isinstance(optimiser, optax.GradientTransformation):
@@ -205,7 +206,7 @@ def _method(problem: Any, optimiser: Any) -> Method:
             f"{type(optimiser).__name__} needs the residuals of the loss: give {type(problem).__name__} a method "
             "residuals(equilibrium), or train it with an optax optimiser."
         )
-    return SquaresMethod(optimiser)
+    return SquaresMethod(optimiser, max_rise)
 
 
 def _check(

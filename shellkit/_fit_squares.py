@@ -61,9 +61,10 @@ class Details(NamedTuple):
 
 
 class SquaresMethod(Method):
-    """A least-squares solver of optimistix: which one, its tolerances and norm, and how it looks at the Jacobian."""
+    """A least-squares solver of optimistix: which one, its tolerances and norm, and how it looks at the Jacobian; and
+    by what fraction the loss may rise in a step, `None` if it must fall."""
 
-    def __init__(self, solver: optx.AbstractLeastSquaresSolver):
+    def __init__(self, solver: optx.AbstractLeastSquaresSolver, max_rise: float | None):
         kind = next((known for known in _RULES if isinstance(solver, known)), None)
         if kind is None or not isinstance(solver, optx.AbstractGaussNewton):
             names = ", ".join(f"optimistix.{known.__name__}" for known in _RULES)
@@ -72,6 +73,7 @@ class SquaresMethod(Method):
                 "an optax optimiser."
             )
         self._kind = kind.__name__
+        self._max_rise = max_rise
         self._rule = _RULES[kind]()
         self._rtol, self._atol, self._norm = float(solver.rtol), float(solver.atol), solver.norm
         self._linear_solver = _linear_solver(solver)
@@ -117,6 +119,8 @@ class SquaresMethod(Method):
         before = float(course.state.loss)
         if not np.isfinite(before):
             return False
+        if self._max_rise is not None:
+            return not loss <= before + self._max_rise * before
         promised = self._promised(course)
         # Where the loss has no digits left to fall by, a step that is small enough is let through once it is level.
         noise = _ROUNDING * abs(before)

@@ -1,6 +1,8 @@
 """Second-order training against problems solved on paper, and the Jacobian of a real shell against finite
 differences."""
 
+import warnings
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -45,6 +47,21 @@ class Curve(eqx.Module):
             converged=self.actuation[0] <= self.limit,
             stable=jnp.asarray(True),
         )
+        return loss, ({"Distance": loss}, shape)
+
+
+class Snap(eqx.Module):
+    """Residuals that fall as exp(-a), and a new one that appears beyond a = 1.45, where a shell would have snapped."""
+
+    actuation: jax.Array
+
+    def residuals(self, equilibrium):
+        a = self.actuation
+        return jnp.stack([4 * jnp.exp(-a), jnp.where(a > 1.45, 2 * jnp.exp(2 - a), 0.0)])
+
+    def objective(self, start=None):
+        loss = jnp.sum(self.residuals(None) ** 2)
+        shape = _Relaxed(self.actuation, jnp.zeros(()), jnp.asarray(1), jnp.asarray(True), jnp.asarray(True))
         return loss, ({"Distance": loss}, shape)
 
 
@@ -101,6 +118,16 @@ def test_only_designs_that_lower_the_loss_are_accepted():
     assert (np.diff(result.history["loss"]) < 0).all()
     np.testing.assert_allclose(result.problem.actuation, [1.3, 0.7], rtol=1e-8)
     assert set(result.history) >= {"control", "products", "refused"} and "update_scale" not in result.history
+
+
+@pytest.mark.parametrize("make", [optx.LevenbergMarquardt, optx.GaussNewton, optx.Dogleg])
+def test_a_rise_that_is_allowed_leads_over_an_edge(make):
+    run = lambda **options: fit(Snap(jnp.zeros(())), make(rtol=1e-9, atol=1e-9), steps=30, where=trained, **options)
+    # At the edge the loss is 16 exp(-2.9); the first step beyond it, at a = 2, doubles that of the step before.
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "fit: stopped", UserWarning)
+        assert run().best_loss >= 16 * np.exp(-2.9) and run(max_rise=0.5).best_loss >= 16 * np.exp(-2.9)
+    assert run(max_rise=2.0).best_loss < 1e-6
 
 
 def test_failed_relaxations_are_refused_with_more_damping():
