@@ -23,9 +23,13 @@ class Motion(eqx.Module):
     """
 
     rotation: Float[Array, "3 3"]
+    """$R$, whose determinant is one."""
     origin: Float[Array, " 3"]
+    """$o$, the point about which is turned and scaled, in the unit of the points."""
     onto: Float[Array, " 3"]
+    """$o'$, where that point goes."""
     scale: Scalar | None = None
+    """$s$; `None` is one."""
 
     def __call__(self, points: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
         """Move points, given as rows.

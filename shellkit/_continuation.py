@@ -65,12 +65,15 @@ class CriticalPoint(eqx.Module):
     kind: str = eqx.field(static=True)
     """`"limit point"`, where progress turns round, or `"bifurcation"`, where another path crosses."""
     progress: Float[Array, ""]
+    """How much of actuation, loads and motion is on there."""
     equilibrium: Equilibrium
+    """The shape there."""
     mode: Float[Array, "V 3"]
     """The direction in which the equilibrium is neither stable nor unstable, as displacements of length one in all."""
     unknowns: Float[Array, " k"]
+    """The free unknowns there, with the multipliers behind them where the energy has constraints."""
     null: Float[Array, " k"]
-    """The same among the free unknowns, with the change of multipliers behind them where the energy has constraints."""
+    """The mode in these, with the change of the multipliers."""
 
 
 class Branch(eqx.Module):
@@ -79,6 +82,7 @@ class Branch(eqx.Module):
     progress: Float[Array, " n"]
     """How much of actuation, loads and motion is on at each; it falls where the path turns back."""
     equilibria: tuple[Equilibrium, ...]
+    """One for each entry of `progress`."""
     negative: Int[Array, " n"]
     """How many eigenvalues of the Hessian are negative at each; 0 is stable."""
     critical: tuple[CriticalPoint, ...]

@@ -15,6 +15,7 @@ class DistinctEquilibria(eqx.Module):
     """Equilibria of one problem that differ in shape, in the order of their energies; printing it shows a table."""
 
     equilibria: tuple[Equilibrium, ...]
+    """The lowest energy first."""
     found: tuple[int, ...] = eqx.field(static=True)
     """From how many of the starts each was reached."""
     failures: tuple[str, ...] = eqx.field(static=True)

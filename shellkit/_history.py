@@ -41,6 +41,10 @@ class History(Mapping[str, np.ndarray]):
     """
 
     def __init__(self, columns: Mapping[str, list[Scalar]] | None = None):
+        """**Arguments:**
+
+        - `columns`: by name, all of one length; by default there are none yet.
+        """
         self._columns: dict[str, list[Scalar]] = {name: list(column) for name, column in (columns or {}).items()}
 
     @property
@@ -49,11 +53,23 @@ class History(Mapping[str, np.ndarray]):
         return len(next(iter(self._columns.values()), []))
 
     def row(self, step: int) -> dict[str, Scalar]:
-        """One row, as a dictionary of Python scalars."""
+        """One row, as a dictionary of Python scalars.
+
+        **Arguments:**
+
+        - `step`: its number, from 0.
+        """
         return {name: column[step] for name, column in self._columns.items()}
 
     def append(self, row: Mapping[str, Scalar]) -> None:
-        """Adds a row. The first one names the columns."""
+        """Adds a row. The first one names the columns.
+
+        **Arguments:**
+
+        - `row`: a number for each column.
+
+        **Raises:** `ValueError` for a row with other columns.
+        """
         if not self._columns:
             self._columns = {name: [] for name in row}
         if row.keys() != self._columns.keys():
@@ -66,7 +82,12 @@ class History(Mapping[str, np.ndarray]):
             self._columns[name].append(value)
 
     def truncate(self, steps: int) -> None:
-        """Forgets every row from number `steps` on."""
+        """Forgets the last rows.
+
+        **Arguments:**
+
+        - `steps`: how many are kept.
+        """
         for column in self._columns.values():
             del column[steps:]
 

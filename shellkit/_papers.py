@@ -217,6 +217,16 @@ SCHENK_2004 = """@article{schenk2004solving,
     year = {2004},
 }"""
 
+SCHWEIZERHOF_1984 = """@article{schweizerhof1984displacement,
+    author = {Schweizerhof, Karl and Ramm, Ekkehard},
+    title = {Displacement dependent pressure loads in nonlinear finite element analyses},
+    journal = {Computers and Structures},
+    volume = {18},
+    number = {6},
+    pages = {1099--1114},
+    year = {1984},
+}"""
+
 STEIGMANN_1990 = """@article{steigmann1990tension,
     author = {Steigmann, David J.},
     title = {Tension-field theory},

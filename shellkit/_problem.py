@@ -161,6 +161,10 @@ class InverseProblem(eqx.Module):
 
         - `vertices`: positions, in the unit of the mesh.
         - `directors`: angles by which edge normals are turned, where directors are free; by default zero.
+
+        **Returns:**
+
+        A scalar, in units of pressure times volume.
         """
         return self.discrete_energy()(self.assembly.restrict(self.assembly.join(vertices, directors)))
 
@@ -169,6 +173,19 @@ class InverseProblem(eqx.Module):
 
         Where directors are free it acts on pairs `(vertices, directors)`; where supports hold something, on the flat
         vector of the unknowns that are left.
+
+        **Arguments:**
+
+        - `vertices`: positions, in the unit of the mesh.
+        - `directors`: angles by which edge normals are turned, where directors are free; by default zero.
+
+        **Returns:**
+
+        The operator, in units of pressure times length; `as_matrix()` writes it out.
+
+        **Raises:**
+
+        `ValueError` where the energy has constraints: what they add is dense.
         """
         if any(isinstance(term, Constraint) for _, term in self.energy.weighted_terms()):
             raise ValueError("The Hessian of an energy with constraints is not sparse; take the constraints out of it.")
@@ -261,6 +278,14 @@ class InverseProblem(eqx.Module):
         **Arguments:**
 
         - `start`: an equilibrium to start the relaxation from; by default the surface at rest.
+
+        **Returns:**
+
+        The loss, and the pair of its terms, without their weights, and the equilibrium.
+
+        **Raises:**
+
+        `ValueError` if there is no loss.
         """
         if self.loss is None:
             raise ValueError("This InverseProblem has no loss: give it one, such as loss=sk.VertexDistance(target).")
@@ -269,7 +294,12 @@ class InverseProblem(eqx.Module):
         return value, (terms, equilibrium)
 
     def evaluate(self) -> tuple[Scalar, dict[str, Scalar]]:
-        """The loss of the relaxed shell, and the unweighted value of each of its terms by name."""
+        """The loss of the relaxed shell, and the unweighted value of each of its terms by name.
+
+        **Raises:**
+
+        `ValueError` if there is no loss.
+        """
         value, (terms, _) = self.objective()
         return value, terms
 

@@ -22,17 +22,19 @@ class RestShape(eqx.Module):
     """What a shell would like to be: the two fundamental forms and the thickness of every face.
 
     Both forms are in the basis u = b - a, v = c - a of the face (a, b, c), so that lengths carry the unit of the mesh.
-    `curvature` is `None` where no energy term asks for it.
-
-    A shell of layers that are not equally stiff says in `stretching` and `bending` how many times as stiff it is as
-    one of the same thickness that is all of the energy's material; `None` is once.
     """
 
     metric: Float[Array, "F 2 2"]
+    """The first form that each face would like to have, in the square of the mesh's unit."""
     curvature: Float[Array, "F 2 2"] | None
+    """The second form, in the unit of the mesh, positive where it is convex; `None` where no energy term bends."""
     thickness: Float[Array, " F"]
+    """Of the shell at rest, in the unit of the mesh."""
     stretching: Float[Array, " F"] | None = None
+    """How many times as stiff a shell of layers that differ is against stretching as one of the same thickness that is
+    all of the energy's material; `None` is once."""
     bending: Float[Array, " F"] | None = None
+    """The same against bending."""
 
     @property
     def stretching_scale(self) -> Float[Array, " F"]:

@@ -44,6 +44,11 @@ def transfer_directors(
     **Raises:**
 
     `ValueError` for angles that do not fit the source.
+
+    ??? cite "Source"
+
+        The order parameter $Q$: P. G. de Gennes and J. Prost, "The physics of liquid crystals" (2nd edition, 1993),
+        section 2.1.
     """
     direction = directors(source, angles)
     tensors = (direction[:, :, None] * direction[:, None, :]).reshape(-1, 9)

@@ -18,6 +18,15 @@ class Bilayer(Actuation):
 
     The top is the side that the face normals point to: a top that grows bends the shell as a sphere seen from outside.
 
+    **Arguments:**
+
+    - `top`, `bottom`: the two sheets, each a [`shellkit.SheetActuation`][], of one kind or of two.
+
+    **Raises:**
+
+    `ValueError`, when a problem is built, for a layer that does more than change the metric of a sheet, or that does
+    not fit the mesh.
+
     ??? cite "Source"
 
         W. van Rees, E. Vouga and L. Mahadevan, "Growth patterns for shape-shifting elastic bilayers", PNAS 114 (2017),

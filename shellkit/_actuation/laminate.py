@@ -71,6 +71,9 @@ class Laminate(Actuation):
         """**Arguments:**
 
         - `layers`: from the bottom to the top, the side that the face normals point to.
+
+        **Raises:** `ValueError`, when a problem is built, without layers, for one that does more than change the metric
+        of a sheet, or for a thickness or stiffness that does not fit the mesh or is not positive.
         """
         self.layers = tuple(layers)
 

@@ -19,8 +19,7 @@ class Nematic(SheetActuation):
     \begin{pmatrix}\cos 2\theta & \sin 2\theta\\ \sin 2\theta & -\cos 2\theta\end{pmatrix},$$
 
     with $g_0 = B^T B$, $B$ upper triangular. Angles $\theta$ and $\theta + \pi$ are the same state. Heated elastomers
-    have
-    $\lambda < 1$.
+    have $\lambda < 1$.
 
     ??? cite "Source"
 

@@ -44,6 +44,11 @@ def membrane_stress(problem: InverseProblem, equilibrium: Equilibrium) -> Float[
 
     **Returns:** an array of shape `(F, 2, 2)` in units of pressure, tension positive, in the frames
     [`shellkit.face_frames`][]`(equilibrium.vertices, mesh)`.
+
+    ??? cite "Source"
+
+        The formula of T. C. Doyle and J. L. Ericksen, "Nonlinear elasticity", Advances in Applied Mechanics 4 (1956),
+        53–115, for a sheet.
     """
     metric, curvatures = _forms(problem, equilibrium)
     # The off-diagonal component stands twice in the metric.

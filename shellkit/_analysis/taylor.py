@@ -32,6 +32,7 @@ class TaylorReport(eqx.Module):
     steps: Float[Array, " n_plus_1"]
     """The steps $h$, each half the one before, in units of the typical size of each array."""
     remainders: Float[Array, " n_plus_1"]
+    """Of the loss at each step, in its unit."""
     slopes: Float[Array, " n"]
     """Between successive steps: 2 if the derivative is right, 1 if not."""
     error: Scalar

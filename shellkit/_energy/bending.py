@@ -46,6 +46,9 @@ class Bending(FormEnergy):
         - `form`: how a hinge angle enters the curvature: `"sin"` (the source's, which saturates, so that strong
             actuation can fold a hinge flat), `"tan"` (which resists folding without bound) or `"theta"`.
         - `directors`: `"average"` or `"free"` edge normals.
+
+        **Raises:** `ValueError` for an unknown `form` or `directors`; when a problem is built, for moduli whose shape
+        does not fit the mesh, or terms that measure curvature in different ways.
         """
         check_curvature_options("Bending", form, directors)
         self.alpha = jnp.asarray(alpha, dtype=float)
@@ -61,7 +64,14 @@ class Bending(FormEnergy):
         form: CurvatureForm = "sin",
         directors: str = "average",
     ) -> "Bending":
-        """From Young's modulus and Poisson's ratio: alpha = E nu / (2 (1 - nu²)), beta = E / (4 (1 + nu))."""
+        """From Young's modulus and Poisson's ratio: alpha = E nu / (2 (1 - nu²)), beta = E / (4 (1 + nu)).
+
+        **Arguments:**
+
+        - `young`: Young's modulus, in units of pressure; one number or one a face.
+        - `poisson`: Poisson's ratio; one number or one a face.
+        - `form`, `directors`: as above.
+        """
         return cls(*lame_halves(young, poisson), form=form, directors=directors)
 
     @property

@@ -1,8 +1,8 @@
 """Energy, gradient and Hessian of all terms of a sum that are functions of the fundamental forms of a face.
 
 Each face has up to six intrinsic numbers, its squared edge lengths and half hinge angles. The terms are
-differentiated in
-those by automatic differentiation, elementwise over all faces; the chain rule to positions is written by hand.
+differentiated in those by automatic differentiation, elementwise over all faces; the chain rule to positions is written
+by hand.
 """
 
 from collections.abc import Callable

@@ -1,6 +1,7 @@
 """Loads that follow the surface: pressure, and moments along an edge. Their energy is minus their work."""
 
 from collections.abc import Callable
+from typing import ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -10,6 +11,7 @@ from jaxtyping import Array, Float, Int, Scalar
 from .._geometry.rowwise import unit
 from .._geometry.surface import face_normals
 from .._mesh.mesh import Mesh
+from .._papers import SCHWEIZERHOF_1984
 from .._rest import RestShape
 from .._supports.selection import Numbers, Selection, as_selection, selected
 from .base import AbstractEnergy, EnergyTerm
@@ -23,7 +25,14 @@ class Pressure(EnergyTerm):
     by the cone from its boundary to a fixed point, the `apex`: where the boundary is held, or slides in planes through
     the apex, the shape of that cone does not change and this is exact. Where the boundary is free, it also feels the
     pressure on the cone, as one that is clothed by a light skin does; the pressure on a free sheet alone has no energy.
+
+    ??? cite "Source"
+
+        K. Schweizerhof and E. Ramm, "Displacement dependent pressure loads in nonlinear finite element analyses",
+        Computers and Structures 18 (1984), 1099: when such a load has a potential.
     """
+
+    papers: ClassVar[tuple[str, ...]] = (SCHWEIZERHOF_1984,)
 
     pressure: Float[Array, ""]
     apex: Float[Array, " 3"] | None
@@ -31,9 +40,13 @@ class Pressure(EnergyTerm):
     def __init__(self, pressure: Numbers, apex: Numbers | None = None):
         """**Arguments:**
 
-        - `pressure`: of the side that the normals point away from, over that of the other.
+        - `pressure`: of the side that the normals point away from, over that of the other; one number, in the unit of
+            the moduli.
         - `apex`: of the cone that closes an open surface; by default the mean of the boundary's vertices at rest. A
             closed surface needs none.
+
+        **Raises:** `ValueError`, when a problem is built, unless the pressure is one finite number and the apex a
+        point.
         """
         self.pressure = jnp.asarray(pressure, dtype=float)
         self.apex = None if apex is None else jnp.asarray(apex, dtype=float)
@@ -99,6 +112,9 @@ class EdgeMoment(EnergyTerm):
             function from the positions at rest, shape (V, 3), to a mask.
         - `moment`: the total moment, force times length.
         - `centre`: of the range of angles that are told apart, in radians.
+
+        **Raises:** `ValueError`, when a problem is built, for an edge that is not on the boundary, or numbers that are
+        not finite.
         """
         self.vertices = as_selection(edge)
         self.moment = jnp.asarray(moment, dtype=float)

@@ -39,6 +39,9 @@ class Foundation(EnergyTerm):
         - `positions`: where the springs are fixed, shape (V, 3); by default at the vertices at rest.
         - `direction`: in which the springs act, a vector of any length; by default in all.
         - `vertices`: those that rest on it, as for [`shellkit.Pinned`][]; by default all.
+
+        **Raises:** `ValueError`, when a problem is built, for shapes that do not fit the mesh, a stiffness that is
+        negative or not finite, or a direction that is zero.
         """
         self.stiffness = jnp.asarray(stiffness, dtype=float)
         self.positions = None if positions is None else jnp.asarray(positions, dtype=float)

@@ -20,8 +20,7 @@ class IncompressibleNeoHookean(FormEnergy):
     $$E = h \sum_f A\, \frac\mu2 \left(\mathrm{tr}\,C + \frac1{\det C} - 3\right), \qquad C = g_r^{-1} g.$$
 
     The stretch across the sheet is $1/\sqrt{\det C}$: a balloon twice as wide is a quarter as thick. For small strain
-    it
-    agrees with [`shellkit.StVenantKirchhoff`][] of Poisson's ratio 1/2 and Young's modulus $3\mu$. It grows without
+    it agrees with [`shellkit.StVenantKirchhoff`][] of Poisson's ratio 1/2 and Young's modulus $3\mu$. It grows without
     bound as a face is crushed. For foams and gels that change their volume use [`shellkit.NeoHookean`][].
 
     ??? cite "Source"
@@ -39,12 +38,19 @@ class IncompressibleNeoHookean(FormEnergy):
         """**Arguments:**
 
         - `shear`: the modulus $\\mu$, in units of pressure; one number or one a face.
+
+        **Raises:** `ValueError`, when a problem is built, for a shape that does not fit the mesh.
         """
         self.shear = jnp.asarray(shear, dtype=float)
 
     @classmethod
     def from_young(cls, young: float | Array) -> "IncompressibleNeoHookean":
-        """From Young's modulus: a third of it. Poisson's ratio is 1/2."""
+        """From Young's modulus: a third of it. Poisson's ratio is 1/2.
+
+        **Arguments:**
+
+        - `young`: Young's modulus, in units of pressure; one number or one a face.
+        """
         return cls(jnp.asarray(young, dtype=float) / 3)
 
     def check(self, mesh: Mesh) -> None:

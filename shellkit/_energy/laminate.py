@@ -46,7 +46,14 @@ class Ply(eqx.Module):
 
     @classmethod
     def isotropic(cls, young: float | Array, poisson: float | Array, thickness: float | Array = 1.0) -> "Ply":
-        """A ply without a grain, from Young's modulus and Poisson's ratio."""
+        """A ply without a grain.
+
+        **Arguments:**
+
+        - `young`: Young's modulus, in units of pressure.
+        - `poisson`: Poisson's ratio.
+        - `thickness`: relative to the other plies.
+        """
         young, poisson = jnp.asarray(young, dtype=float), jnp.asarray(poisson, dtype=float)
         return cls(0.0, young, young, poisson, young / (2 * (1 + poisson)), thickness)
 
@@ -80,6 +87,9 @@ class LaminateEnergy(FormEnergy):
 
         - `plies`: from the bottom to the top, the side that the face normals point to.
         - `form`, `directors`: as of [`shellkit.Bending`][].
+
+        **Raises:** `ValueError` without plies, or for an unknown `form` or `directors`; when a problem is built, for
+        moduli or thicknesses that do not fit the mesh or are not positive.
         """
         check_curvature_options("LaminateEnergy", form, directors)
         if not plies:

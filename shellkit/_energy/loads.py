@@ -21,6 +21,17 @@ class DeadLoad(EnergyTerm):
 
     The energy is minus the work from the shape at rest on, $-\\sum_v f_v \\cdot (x_v - x_v^0)$; it is linear, and adds
     nothing to the Hessian. Along a path the load grows in proportion.
+
+    ??? example
+
+        ```python
+        class Wind(sk.DeadLoad):
+            pressure: Array
+
+            def nodal_forces(self, mesh, rest):
+                areas = sk.vertex_areas(mesh.vertices, mesh)
+                return self.pressure * areas[:, None] * jnp.array([1.0, 0.0, 0.0])
+        ```
     """
 
     linear: ClassVar[bool] = True
@@ -33,6 +44,10 @@ class DeadLoad(EnergyTerm):
 
         - `mesh`: the surface at rest.
         - `rest`: its rest shape under actuation.
+
+        **Returns:**
+
+        An array of shape `(V, 3)`, in units of pressure times area.
         """
 
     def stencil(self, mesh: Mesh) -> Int[Array, "V 1"]:
@@ -61,7 +76,9 @@ class SurfaceLoad(DeadLoad):
     def __init__(self, force: Numbers):
         """**Arguments:**
 
-        - `force`: per area, one vector or one a face.
+        - `force`: per area, in units of pressure; one vector or one a face, shape (F, 3).
+
+        **Raises:** `ValueError`, when a problem is built, for another shape, or what is not finite.
         """
         self.force = jnp.asarray(force, dtype=float)
 
@@ -85,7 +102,9 @@ class Gravity(DeadLoad):
         """**Arguments:**
 
         - `density`: mass per volume, one number or one a face.
-        - `acceleration`: of free fall, a vector.
+        - `acceleration`: of free fall, a vector; by default in metres per second squared, so give it in your units.
+
+        **Raises:** `ValueError`, when a problem is built, for another shape, or what is not finite.
         """
         self.density = jnp.asarray(density, dtype=float)
         self.acceleration = jnp.asarray(acceleration, dtype=float)
@@ -110,7 +129,11 @@ class PointLoad(DeadLoad):
 
         - `vertices`: one index, indices of shape (n,), a mask of shape (V,), or a function from the positions at rest
             to a mask.
-        - `force`: one vector, which acts at each of the vertices, or one a vertex, shape (n, 3).
+        - `force`: one vector, which acts at each of the vertices, or one a vertex, shape (n, 3); in units of pressure
+            times area.
+
+        **Raises:** `ValueError`, when a problem is built, for a selection or a shape that does not fit, or what is not
+        finite.
         """
         self.vertices = vertices if callable(vertices) else jnp.atleast_1d(jnp.asarray(vertices))
         self.force = jnp.asarray(force, dtype=float)
@@ -141,7 +164,10 @@ class EdgeLoad(DeadLoad):
 
         - `edge`: its vertices: a mask of shape (V,), indices of shape (n,), edges of shape (m, 2) as their ends, or a
             function from the positions at rest, shape (V, 3), to a mask.
-        - `force`: the total force, a vector.
+        - `force`: the total force, a vector, in units of pressure times area.
+
+        **Raises:** `ValueError`, when a problem is built, for a selection without an edge, or a force of another shape
+        or not finite.
         """
         self.vertices = as_selection(edge)
         self.force = jnp.asarray(force, dtype=float)

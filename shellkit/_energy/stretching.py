@@ -20,15 +20,13 @@ class StVenantKirchhoff(FormEnergy):
     - 1,$$
 
     with the rest area $A = \frac12\sqrt{\det g_r}$. For moderate strain; a face can be crushed to zero area at a
-    finite cost,
-    for which [`shellkit.NeoHookean`][] is the better choice.
+    finite cost, for which [`shellkit.NeoHookean`][] is the better choice.
 
     ??? cite "Source"
 
         Koiter's shell energy in the discretisation of H.-Y. Chen et al., "Physical simulation of environmentally
         induced thin shell deformation", ACM Trans. Graph. 37 (2018), equation 6. Their $\alpha$, $\beta$ as here;
-        libshell's
-        convention gives half this energy at equal moduli.
+        libshell's convention gives half this energy at equal moduli.
     """
 
     papers: ClassVar[tuple[str, ...]] = (CHEN_2018,)
@@ -41,13 +39,21 @@ class StVenantKirchhoff(FormEnergy):
         """**Arguments:**
 
         - `alpha`, `beta`: half the plane-stress Lamé pair, in units of pressure; one number or one a face.
+
+        **Raises:** `ValueError`, when a problem is built, for a shape that does not fit the mesh.
         """
         self.alpha = jnp.asarray(alpha, dtype=float)
         self.beta = jnp.asarray(beta, dtype=float)
 
     @classmethod
     def from_young(cls, young: float | Array, poisson: float | Array) -> "StVenantKirchhoff":
-        """From Young's modulus and Poisson's ratio: alpha = E nu / (2 (1 - nu²)), beta = E / (4 (1 + nu))."""
+        """From Young's modulus and Poisson's ratio: alpha = E nu / (2 (1 - nu²)), beta = E / (4 (1 + nu)).
+
+        **Arguments:**
+
+        - `young`: Young's modulus, in units of pressure; one number or one a face.
+        - `poisson`: Poisson's ratio; one number or one a face.
+        """
         return cls(*lame_halves(young, poisson))
 
     def check(self, mesh: Mesh) -> None:
@@ -90,13 +96,21 @@ class NeoHookean(FormEnergy):
         """**Arguments:**
 
         - `bulk`, `shear`: $K$ and $\\mu$, in units of pressure; one number or one a face.
+
+        **Raises:** `ValueError`, when a problem is built, for a shape that does not fit the mesh.
         """
         self.bulk = jnp.asarray(bulk, dtype=float)
         self.shear = jnp.asarray(shear, dtype=float)
 
     @classmethod
     def from_young(cls, young: float | Array, poisson: float | Array) -> "NeoHookean":
-        """From Young's modulus and Poisson's ratio: mu = 8 beta, K = 8 (alpha + beta), so that small strains agree."""
+        """From Young's modulus and Poisson's ratio: mu = 8 beta, K = 8 (alpha + beta), so that small strains agree.
+
+        **Arguments:**
+
+        - `young`: Young's modulus, in units of pressure; one number or one a face.
+        - `poisson`: Poisson's ratio; one number or one a face.
+        """
         alpha, beta = lame_halves(young, poisson)
         return cls(bulk=8 * (alpha + beta), shear=8 * beta)
 

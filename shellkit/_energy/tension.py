@@ -34,10 +34,8 @@ class TensionField(FormEnergy):
 
         A. C. Pipkin, "The relaxed energy density for isotropic elastic membranes", IMA J. Appl. Math. 36 (1986), 85;
         D. J. Steigmann, "Tension-field theory", Proc. R. Soc. A 429 (1990), 141. For StVK in closed form: H. Le Dret
-        and
-        A. Raoult, "The nonlinear membrane model as variational limit of nonlinear three-dimensional elasticity", J.
-        Math.
-        Pures Appl. 74 (1995), 549.
+        and A. Raoult, "The nonlinear membrane model as variational limit of nonlinear three-dimensional elasticity", J.
+        Math. Pures Appl. 74 (1995), 549.
     """
 
     papers: ClassVar[tuple[str, ...]] = (
@@ -63,7 +61,14 @@ class TensionField(FormEnergy):
 
     @classmethod
     def from_young(cls, young: float | Array, poisson: float | Array, residual: float | Array = 0.0) -> "TensionField":
-        """From Young's modulus and Poisson's ratio: alpha = E nu / (2 (1 - nu²)), beta = E / (4 (1 + nu))."""
+        """From Young's modulus and Poisson's ratio: alpha = E nu / (2 (1 - nu²)), beta = E / (4 (1 + nu)).
+
+        **Arguments:**
+
+        - `young`: Young's modulus, in units of pressure; one number or one a face.
+        - `poisson`: Poisson's ratio; one number or one a face.
+        - `residual`: as above.
+        """
         return cls(*lame_halves(young, poisson), residual=residual)
 
     def check(self, mesh: Mesh) -> None:

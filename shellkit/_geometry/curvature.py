@@ -117,8 +117,9 @@ def mean_curvature(vertices: Float[Array, "V 3"], mesh: Mesh) -> Float[Array, " 
 def angle_defects(vertices: Float[Array, "V 3"], mesh: Mesh) -> Float[Array, " V"]:
     r"""What the angles of the faces around each vertex lack of a full turn, or of half a turn on the boundary.
 
-    They sum to $2\pi\chi$, with $\chi$ the Euler characteristic (Gauss-Bonnet): inside, a defect is the integral of the
-    Gauss curvature over the vertex's cell; on the boundary, mostly that of the boundary's geodesic curvature.
+    They sum to $2\pi\chi$, with $\chi$ the Euler characteristic (Gauss-Bonnet; Meyer, Desbrun, Schröder and Barr, 2003,
+    section 4): inside, a defect is the integral of the Gauss curvature over the vertex's cell; on the boundary, mostly
+    that of the boundary's geodesic curvature.
 
     **Arguments:**
 

@@ -80,8 +80,12 @@ def first_form(vertices: Float[Array, "V 3"], mesh: Mesh) -> Float[Array, "F 2 2
 
     **Arguments:**
 
-    - `vertices`: positions at which to measure, in any unit of length.
+    - `vertices`: positions at which to measure, shape `(V, 3)`; need not be `mesh.vertices`.
     - `mesh`: the connectivity.
+
+    **Returns:**
+
+    An array of shape `(F, 2, 2)`, in the square of the vertices' unit.
     """
     return matrices(metric_from_lengths(Triangles(vertices, mesh).squared_lengths))
 
@@ -96,18 +100,20 @@ def second_form(
 
     With $\omega_i$ the angle between the normal of the face and that of edge $i$, and $s_i = h_i \sin\omega_i$ with
     the height $h_i$ over the edge, $b = 2 [[s_a + s_b, s_a], [s_a, s_a + s_c]]$. Without `directors`, $\omega_i$ is
-    half the
-    hinge angle, and this is Chen et al., "Physical simulation of environmentally induced thin shell deformation" (ACM
-    Trans.
-    Graph. 37, 2018), section 4; `directors` turn the normal of each edge about the edge (Weischedel, "A discrete
-    geometric view on shear-deformable shell models", 2012).
+    half the hinge angle, and this is Chen et al., "Physical simulation of environmentally induced thin shell
+    deformation" (ACM Trans. Graph. 37, 2018), section 4; `directors` turn the normal of each edge about the edge
+    (Weischedel, "A discrete geometric view on shear-deformable shell models", 2012).
 
     **Arguments:**
 
-    - `vertices`: positions at which to measure.
+    - `vertices`: positions at which to measure, shape `(V, 3)`; need not be `mesh.vertices`.
     - `mesh`: the connectivity. The normal of a boundary edge is that of its face, unless its director turns it.
     - `form`: `"sin"` as in the source; `"tan"` grows without bound as a hinge folds; `"theta"` is the angle itself.
-    - `directors`: angle by which each edge normal is turned, in radians.
+    - `directors`: angle by which each edge normal is turned, shape `(E,)`, in radians.
+
+    **Returns:**
+
+    An array of shape `(F, 2, 2)`, in the vertices' unit: over the metric it is a curvature.
     """
     triangles = Triangles(vertices, mesh)
     angles = half_angles(vertices, mesh, triangles, directors)

@@ -173,8 +173,7 @@ def hinge_curvature(triangles: Triangles, stress: Float[Array, "3 F"]) -> Float[
     `CORNER_PAIRS`.
 
     With r the motion of corner i against its foot, e that of the edge vector, m = n x e the unit vector from the edge
-    to
-    the corner and l the edge length, the part is
+    to the corner and l the edge length, the part is
     (m.r n.r' + n.r m.r') / h^2 + (e.r n.e' + n.e e.r') / (h l) + (m.e n.e' + n.e m.e') / (2 l^2),
     in which the two faces' last terms are symmetrised: their skew parts cancel. All of it is of the form v n^T + n v^T.
     """

@@ -140,6 +140,8 @@ class SumOfLosses(Loss):
     **Arguments:**
 
     - `terms`: the losses.
+
+    **Raises:** `ValueError` for none.
     """
 
     terms: tuple[Loss, ...]

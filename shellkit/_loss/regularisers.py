@@ -13,7 +13,7 @@ from .._geometry.directors import directors
 from .._geometry.rowwise import over, root
 from .._geometry.surface import edge_lengths, face_areas
 from .._mesh.mesh import Mesh
-from .._papers import GRINSPUN_2003
+from .._papers import CLAUSSEN, GRINSPUN_2003
 from .base import LeastSquaresLoss
 
 
@@ -32,7 +32,14 @@ class DirectorSmoothness(LeastSquaresLoss):
     **Raises:**
 
     `ValueError`, when checked, for an actuation without directors.
+
+    ??? cite "Source"
+
+        The regulariser of the inverse-design tutorial of N. Claussen's `triangulax`; $Q$ is the order parameter of
+        P. G. de Gennes and J. Prost, "The physics of liquid crystals" (2nd edition, 1993), section 2.1.
     """
+
+    papers: ClassVar[tuple[str, ...]] = (CLAUSSEN,)
 
     def residuals(self, equilibrium: Equilibrium, actuation: Actuation) -> Float[Array, " m"]:
         mesh = equilibrium.mesh

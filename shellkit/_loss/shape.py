@@ -1,5 +1,7 @@
 """Losses on the form of the relaxed surface alone, wherever it lies and however large it is."""
 
+from typing import ClassVar
+
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
@@ -7,6 +9,7 @@ from .._actuation.base import Actuation
 from .._equilibrium import Equilibrium
 from .._geometry.rowwise import length
 from .._geometry.surface import vertex_areas
+from .._papers import CLAUSSEN
 from .base import LeastSquaresLoss
 
 
@@ -24,7 +27,13 @@ class Sphericity(LeastSquaresLoss):
     **Returns:**
 
     When called, a scalar without unit.
+
+    ??? cite "Source"
+
+        The loss of the head in the inverse-design tutorial of N. Claussen's `triangulax`.
     """
+
+    papers: ClassVar[tuple[str, ...]] = (CLAUSSEN,)
 
     def residuals(self, equilibrium: Equilibrium, actuation: Actuation) -> Float[Array, " m"]:
         vertices = equilibrium.vertices

@@ -34,6 +34,9 @@ def rectangle(
     - `seed`: of the random moves; equal seeds give equal meshes.
 
     **Returns:** an open `Mesh`.
+
+    **Raises:** `ValueError` for a length that is not positive, unknown `diagonals`, or not exactly one of `cells` and
+    `target_edge_length`.
     """
     positive(length=length, width=width)
     if diagonals not in ("right", "alternating", "jittered"):
@@ -68,6 +71,9 @@ def cylinder(
     - `target_edge_length`: instead of `cells`, the edge length to come near to, with triangles nearly equilateral.
 
     **Returns:** an open `Mesh` with two boundary loops.
+
+    **Raises:** `ValueError` for a length that is not positive, too few cells, or not exactly one of `cells` and
+    `target_edge_length`.
     """
     positive(radius=radius, length=length)
     spans = 2 * np.pi * radius, length / (np.sqrt(3) / 2)  # rows of equilateral triangles are that much closer

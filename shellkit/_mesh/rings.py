@@ -40,6 +40,8 @@ def disc(radius: float, target_edge_length: float) -> Mesh:
     - `target_edge_length`: the mean edge length to come near to.
 
     **Returns:** an open `Mesh` with normals along +z and a vertex at the origin.
+
+    **Raises:** `ValueError` for a length that is not positive, or edges too long for the shape.
     """
     positive(radius=radius, target_edge_length=target_edge_length)
     return _mesh(_flat(0.0, radius), target_edge_length)
@@ -56,6 +58,9 @@ def annulus(inner: float, outer: float, target_edge_length: float, slit: bool = 
         ring's vertices begin at the upper lip, where the polar angle is 0, and end at the lower one.
 
     **Returns:** an open `Mesh` with normals along +z; slit, it has one boundary loop, otherwise two.
+
+    **Raises:** `ValueError` for a length that is not positive, `inner` not below `outer`, or edges too long for the
+    shape.
     """
     positive(inner=inner, outer=outer, target_edge_length=target_edge_length)
     if inner >= outer:
@@ -74,6 +79,8 @@ def spherical_cap(radius: float, angle: float, target_edge_length: float, hole: 
     - `hole`: between the z axis and the rim of a hole around the top, in radians; 0 for none.
 
     **Returns:** an open `Mesh` with outward normals.
+
+    **Raises:** `ValueError` for a length that is not positive, angles out of order, or edges too long for the shape.
     """
     positive(radius=radius, angle=angle, target_edge_length=target_edge_length)
     if not 0 <= hole < angle < np.pi:
@@ -105,6 +112,9 @@ def torus(
         mesh of staggered rows whose triangles are narrower on the inside than on the outside.
 
     **Returns:** a closed `Mesh` of genus 1.
+
+    **Raises:** `ValueError` for a length that is not positive, `minor` not below `major`, too few cells, or not exactly
+    one of `cells` and `target_edge_length`.
     """
     positive(major=major, minor=minor)
     one_of(cells, target_edge_length)

@@ -20,8 +20,9 @@ def icosphere(subdivisions: int, radius: float = 1.0) -> Mesh:
     - `subdivisions`: how many times, 0 or more; there are `10 * 4**subdivisions + 2` vertices.
     - `radius`: of the sphere, on which every vertex lies.
 
-    **Returns:** a closed `Mesh` around the origin. `sphere` takes any edge
-    length.
+    **Returns:** a closed `Mesh` around the origin. `sphere` takes any edge length.
+
+    **Raises:** `ValueError` for a radius that is not positive, or `subdivisions` that is no whole number from 0 on.
     """
     positive(radius=radius)
     if int(subdivisions) != subdivisions or subdivisions < 0:
@@ -51,6 +52,8 @@ def sphere(target_edge_length: float, radius: float = 1.0) -> Mesh:
     - `radius`: of the sphere, on which every vertex lies.
 
     **Returns:** a closed `Mesh` around the origin.
+
+    **Raises:** `ValueError` for a length that is not positive.
     """
     positive(radius=radius, target_edge_length=target_edge_length)
     points = _geodesic_points(*_lattice(8 * np.pi / np.sqrt(3) * (radius / target_edge_length) ** 2))

@@ -30,6 +30,10 @@ def direct_solver(name: str) -> AbstractSparseSolver:
     - `name`: `"pardiso"` (LDLᵀ with inertia; x86-64), `"cholmod"` (Cholesky; positive definite matrices), `"superlu"`
         (LU with inertia, by SciPy from the host) or `"cg"` (conjugate gradients; no factorisation at all).
 
+    **Returns:**
+
+    The solver, for `SparseNewton(linear_solver=...)`.
+
     **Raises:**
 
     `ValueError` for another name; `ImportError`, with the command to install it, if the package is not there.

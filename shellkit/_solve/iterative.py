@@ -45,6 +45,7 @@ class ConjugateGradients(AbstractSparseSolver):
     rtol: float = 1e-10
     """Converged when the residual is below this much of the right-hand side, in the Euclidean norm."""
     atol: float = 0.0
+    """Or below this, in the unit of the right-hand side."""
     max_steps: int | None = eqx.field(static=True, default=None)
     """$2n$ if `None`."""
     block: int = eqx.field(static=True, default=3)

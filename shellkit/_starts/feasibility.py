@@ -91,8 +91,8 @@ def feasibility(
     **Arguments:**
 
     - `mesh`: the surface at rest.
-    - `target`: where each vertex should go. Its pose does not matter.
-    - `thickness`: of the shell, one number or one a face.
+    - `target`: where each vertex should go, shape `(V, 3)`. Its pose does not matter.
+    - `thickness`: of the shell, one number or one a face, in the unit of the mesh.
     - `form`: how the energy's bending term measures curvature.
 
     **Returns:**
@@ -102,6 +102,11 @@ def feasibility(
     **Raises:**
 
     `ValueError` if the target does not fit the mesh.
+
+    ??? cite "Source"
+
+        W. van Rees, E. Vouga and L. Mahadevan, "Growth patterns for shape-shifting elastic bilayers", PNAS 114 (2017),
+        11597.
     """
     metrics = layer_metrics(mesh, target, thickness, form)
     stretches = [jnp.sqrt(eigen(metrics.rest, layer)[0]) for layer in (metrics.top, metrics.bottom)]

@@ -42,6 +42,9 @@ class Pinned(SingleSupport):
         - `displacement`: instead of `positions`, how far to move them from there: one vector, or one a vertex.
 
         Along a path of the supports, vertices move on straight lines.
+
+        **Raises:** `ValueError` for both; when a problem is built, for a selection or arrays that do not fit the mesh,
+        and for a vertex that another support holds elsewhere.
         """
         self.vertices = as_selection(vertices)
         self.positions = None if positions is None else jnp.asarray(positions, dtype=float)
@@ -114,6 +117,8 @@ class Clamped(SingleSupport):
         - `centre`: about what point to turn; by default the mean of the clamped vertices.
 
         Along a path of the supports the clamp moves as a rigid body, on a straight line and about a fixed axis.
+
+        **Raises:** `ValueError`, when a problem is built, as [`shellkit.Pinned`][].
         """
         self.vertices = as_selection(vertices)
         self.edges = None

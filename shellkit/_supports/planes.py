@@ -48,6 +48,9 @@ class Sliding(SingleSupport):
             effect.
 
         Along a path of the supports, planes and lines move evenly.
+
+        **Raises:** `ValueError` for both of `normal` and `along`, or neither, or one that is zero; when a problem is
+        built, as [`shellkit.Pinned`][].
         """
         if (normal is None) == (along is None):
             raise ValueError(
@@ -106,6 +109,9 @@ class Symmetry(SingleSupport):
             ends, or a function from the positions at rest, shape (V, 3), to a mask. They must lie in one plane, on the
             boundary.
         - `normal`: of the plane: `"x"`, `"y"`, `"z"` or a vector of any length and sign.
+
+        **Raises:** `ValueError` for a normal that is zero; when a problem is built, for vertices that do not lie in one
+        plane, or a mesh on both sides of it.
         """
         self.vertices = as_selection(vertices)
         self.normal = _direction("Symmetry", "normal", normal)
