@@ -103,9 +103,7 @@ class InverseProblem(eqx.Module):
             an edge have the same rest length along it: far more accurate for samples of a smooth field of directors or
             growth, see [`shellkit.RestShape`][].
 
-        **Raises:**
-
-        `ValueError` if a part does not fit the mesh or the other parts; the message names the part and what to change.
+        **Raises:** `ValueError` if a part does not fit the mesh or the other parts; the message says what to change.
         """
         require_x64("InverseProblem")
         self.mesh = mesh
@@ -155,16 +153,13 @@ class InverseProblem(eqx.Module):
         return eqx.tree_at(lambda motions: motions.held, self.motions, held)
 
     def total_energy(self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None = None) -> Scalar:
-        """The energy of any shape, without relaxing it; held vertices are taken to be where their supports hold them.
+        """The energy of any shape, in units of pressure times volume, without relaxing it; held vertices are taken to be
+        where their supports hold them.
 
         **Arguments:**
 
         - `vertices`: positions, in the unit of the mesh.
         - `directors`: angles by which edge normals are turned, where directors are free; by default zero.
-
-        **Returns:**
-
-        A scalar, in units of pressure times volume.
         """
         return self.discrete_energy()(self.assembly.restrict(self.assembly.join(vertices, directors)))
 
@@ -172,20 +167,13 @@ class InverseProblem(eqx.Module):
         """The Hessian of the energy at any shape, a sparse lineax operator that acts on fields like `vertices`.
 
         Where directors are free it acts on pairs `(vertices, directors)`; where supports hold something, on the flat
-        vector of the unknowns that are left.
+        vector of the unknowns that are left. `as_matrix()` writes it out.
 
         **Arguments:**
 
-        - `vertices`: positions, in the unit of the mesh.
-        - `directors`: angles by which edge normals are turned, where directors are free; by default zero.
+        - `vertices`, `directors`: as for `total_energy`.
 
-        **Returns:**
-
-        The operator, in units of pressure times length; `as_matrix()` writes it out.
-
-        **Raises:**
-
-        `ValueError` where the energy has constraints: what they add is dense.
+        **Raises:** `ValueError` where the energy has constraints: what they add is dense.
         """
         if any(isinstance(term, Constraint) for _, term in self.energy.weighted_terms()):
             raise ValueError("The Hessian of an energy with constraints is not sparse; take the constraints out of it.")
@@ -208,9 +196,8 @@ class InverseProblem(eqx.Module):
 
         - `start`: an equilibrium to start from; by default the surface at rest, which is what an experiment does.
 
-        **Returns:**
-
-        The [`shellkit.Equilibrium`][]. A relaxation that fails returns what it has, with the reason in `result`.
+        **Returns:** the [`shellkit.Equilibrium`][]. A relaxation that fails returns what it has, with the reason in
+        `result`.
         """
         # What is compiled does not depend on the loss, so problems that differ in it share one program.
         return _relax(eqx.tree_at(lambda p: p.loss, self, None, is_leaf=lambda x: x is None), start)
@@ -279,13 +266,7 @@ class InverseProblem(eqx.Module):
 
         - `start`: an equilibrium to start the relaxation from; by default the surface at rest.
 
-        **Returns:**
-
-        The loss, and the pair of its terms, without their weights, and the equilibrium.
-
-        **Raises:**
-
-        `ValueError` if there is no loss.
+        **Raises:** `ValueError` if there is no loss.
         """
         if self.loss is None:
             raise ValueError("This InverseProblem has no loss: give it one, such as loss=sk.VertexDistance(target).")
@@ -294,12 +275,8 @@ class InverseProblem(eqx.Module):
         return value, (terms, equilibrium)
 
     def evaluate(self) -> tuple[Scalar, dict[str, Scalar]]:
-        """The loss of the relaxed shell, and the unweighted value of each of its terms by name.
-
-        **Raises:**
-
-        `ValueError` if there is no loss.
-        """
+        """The loss of the relaxed shell, and the unweighted value of each of its terms by name; a `ValueError` if there
+        is none."""
         value, (terms, _) = self.objective()
         return value, terms
 
@@ -315,9 +292,7 @@ class InverseProblem(eqx.Module):
 
         - `equilibrium`: of this problem at its present arrays, as `objective` returns it.
 
-        **Raises:**
-
-        `ValueError` if there is no loss, or if it is no sum of squares; the message names the terms that are not.
+        **Raises:** `ValueError` if there is no loss, or if it is no sum of squares; the message names what is not.
         """
         if self.loss is None:
             raise ValueError("This InverseProblem has no loss: give it one, such as loss=sk.VertexDistance(target).")
@@ -409,9 +384,7 @@ class InverseProblem(eqx.Module):
         - `energy`: as `discrete_energy` returns it.
         - `y`: the vector of free unknowns.
 
-        **Returns:**
-
-        Vertices; directors, in radians; reactions; moments. Each of the last three is `None` where there are none.
+        **Returns:** vertices; directors, in radians; reactions; moments. Each of the last three may be `None`.
         """
         vertices, directors = energy.state(y)
         reactions, moments = None, energy.held_moments(y)
