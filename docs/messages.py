@@ -25,6 +25,8 @@ PARTS = {
     "_icp": "Losses and alignment",
     "_starts": "Training",
     "_path": "Paths and analysis",
+    "_continuation": "Paths and analysis",
+    "_distinct": "Paths and analysis",
     "_analysis": "Paths and analysis",
     "_plot": "Pictures and fabrication",
     "_fabrication": "Pictures and fabrication",

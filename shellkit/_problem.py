@@ -153,8 +153,7 @@ class InverseProblem(eqx.Module):
         return eqx.tree_at(lambda motions: motions.held, self.motions, held)
 
     def total_energy(self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None = None) -> Scalar:
-        """The energy of any shape, in units of pressure times volume, without relaxing it; held vertices are taken to be
-        where their supports hold them.
+        """The energy of any shape, in units of pressure times volume; held vertices are taken to be where they are held.
 
         **Arguments:**
 
@@ -167,11 +166,7 @@ class InverseProblem(eqx.Module):
         """The Hessian of the energy at any shape, a sparse lineax operator that acts on fields like `vertices`.
 
         Where directors are free it acts on pairs `(vertices, directors)`; where supports hold something, on the flat
-        vector of the unknowns that are left. `as_matrix()` writes it out.
-
-        **Arguments:**
-
-        - `vertices`, `directors`: as for `total_energy`.
+        vector of the unknowns that are left. `vertices` and `directors` are as for `total_energy`.
 
         **Raises:** `ValueError` where the energy has constraints: what they add is dense.
         """
