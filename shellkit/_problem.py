@@ -153,7 +153,7 @@ class InverseProblem(eqx.Module):
         return eqx.tree_at(lambda motions: motions.held, self.motions, held)
 
     def total_energy(self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None = None) -> Scalar:
-        """The energy of any shape, in units of pressure times volume; held vertices are taken to be where they are held.
+        """The energy of any shape, in units of pressure times volume; held vertices are where they are held.
 
         **Arguments:**
 

@@ -60,7 +60,7 @@ class Bar:
             shown = {"loss": info.loss, **info.terms} if len(info.terms) > 1 else {"loss": info.loss}
             losses = "  ".join(f"{name} {value:.3e}" for name, value in shown.items())
             rate = self._bar.tasks[0].speed
-            speed = "" if rate is None else f"{rate:.1f} steps/s" if rate >= 1 else f"{1 / rate:.1f} s/step"
+            speed = "" if not rate else f"{rate:.1f} steps/s" if rate >= 1 else f"{1 / rate:.1f} s/step"
             self._bar.update(self._task, completed=info.step + 1, losses=losses, speed=speed)
 
 
@@ -95,7 +95,7 @@ class TensorBoard:
         try:
             from tensorboardX import SummaryWriter  # pyright: ignore[reportMissingImports]
         except ImportError as error:
-            raise ImportError("fit(tensorboard=...) needs tensorboardX: pip install tensorboardX") from error
+            raise ImportError("fit(tensorboard=...) needs tensorboardX: pip install 'shellkit[tensorboard]'") from error
         self._writer = SummaryWriter(str(folder))
 
     def __enter__(self) -> "TensorBoard":

@@ -159,6 +159,40 @@ def test_every_public_name_has_a_docstring():
     assert not undocumented
 
 
+def described(value):
+    """What a function or a class takes, what it says of that, and the syntax of what it does with it."""
+    if not inspect.isclass(value):
+        function = inspect.unwrap(value)
+        body = ast.parse(inspect.getsource(function)).body
+        return list(inspect.signature(function).parameters), inspect.getdoc(function), body
+    text = inspect.getdoc(value)
+    for node in class_body(value):
+        if isinstance(node, ast.FunctionDef) and node.name == "__init__":
+            taken = [argument.arg for argument in [*node.args.args[1:], *node.args.kwonlyargs]]
+            return taken, f"{text}\n{ast.get_docstring(node) or ''}", [node]
+    nodes = class_body(value)
+    following = zip(nodes, [*nodes[1:], None], strict=True)
+    told = {
+        node.target.id for node, after in following if isinstance(node, ast.AnnAssign) and isinstance(after, ast.Expr)
+    }
+    taken = [name for name in written_fields(value) if not name.startswith("_") and name not in told]
+    return taken, text, []
+
+
+def test_docstrings_say_what_is_taken_returned_and_refused():
+    silent = []
+    for name, value in public_names().items():
+        if not callable(value) or name == "RESULTS":
+            continue
+        taken, text, body = described(value)
+        silent += [f"{name}: {argument}" for argument in taken if f"`{argument}`" not in text]
+        if not inspect.isclass(value) and "**Returns:**" not in text:
+            silent.append(f"{name} returns something")
+        if any(isinstance(node, ast.Raise) for part in body for node in ast.walk(part)) and "**Raises:**" not in text:
+            silent.append(f"{name} raises something")
+    assert not silent
+
+
 def test_api_pages_hold_exactly_the_public_names():
     documented = documented_names()
     assert sorted(documented) == sorted(set(documented)), "a name stands on two pages"

@@ -56,6 +56,21 @@ def test_total_force_is_what_was_asked_for(load, total):
     np.testing.assert_allclose(jnp.sum(forces(load), axis=0), total, rtol=1e-12, atol=1e-14)
 
 
+class Wind(sk.DeadLoad):
+    """As the docstring of `DeadLoad` has it."""
+
+    pressure: jax.Array
+
+    def nodal_forces(self, mesh, rest):
+        return self.pressure * sk.vertex_areas(mesh.vertices, mesh)[:, None] * jnp.array([1.0, 0.0, 0.0])
+
+
+def test_a_load_of_ones_own():
+    found = forces(Wind(jnp.asarray(3.0)))
+    np.testing.assert_allclose(found, 3.0 * sk.vertex_areas(X, SHEET)[:, None] * jnp.array([1.0, 0.0, 0.0]), rtol=1e-12)
+    np.testing.assert_allclose(forces(Wind(jnp.asarray(3.0)).at(0.5)), 0.5 * found, rtol=1e-12)
+
+
 def test_surface_loads_act_at_the_centres_of_faces():
     load = jnp.outer(jnp.arange(1.0, 25.0), FORCE)
     centres = X[SHEET.faces].mean(axis=1)
