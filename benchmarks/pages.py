@@ -129,7 +129,7 @@ def filled(text: str, blocks: dict[str, Callable[[], str]]) -> str:
     return text
 
 
-def write(pages: dict[str, dict[str, Callable[[], str]]], check: bool) -> list[str]:
+def write(pages: dict[str, dict[str, Callable[[], str]]] = PAGES, check: bool = False) -> list[str]:
     """Make pages anew, or only see which are out of date; their names."""
     stale = []
     for name, blocks in pages.items():

@@ -30,6 +30,7 @@ CARDS = {
     "gradients": 12,
     "roof": 13,
 }
+_MARKERS = {"R": "o", "X": "s", "J": "^"}  # of regular, alternating and jittered triangles
 _MEASURABLE = 1e-9  # an error below this is rounding: it has no order
 
 
@@ -111,7 +112,7 @@ def draw(card: str) -> None:
     matplotlib.use("agg")
     import matplotlib.pyplot as plt
 
-    from ..plot import STYLE
+    from ..plot import COLOURS, STYLE, legend_below
 
     groups = by_series(figure for figure in load(card) if abs(figure.error) > _MEASURABLE and figure.cells > 0)
     groups = {key: group for key, group in groups.items() if len(group) > 1}
@@ -119,12 +120,17 @@ def draw(card: str) -> None:
     if not quantities:
         return
     with plt.rc_context(STYLE):
-        figure, axes = plt.subplots(1, len(quantities), figsize=(3.6 * len(quantities), 3.4), squeeze=False)
+        figure, axes = plt.subplots(1, len(quantities), figsize=(3.6 * len(quantities), 3.8), squeeze=False)
         for axis, quantity in zip(axes[0], quantities, strict=True):
+            colours: dict[str, str] = {}
             for (name, series), group in groups.items():
                 if name == quantity:
                     cells, errors = [f.cells for f in group], [abs(f.error) for f in group]
-                    axis.loglog(cells, errors, ".-" if "average" not in series else ".--", label=series)
+                    method, _, triangles = series.rpartition(", ")
+                    method = method or ("" if triangles in _MARKERS else series)
+                    colour = colours.setdefault(method, COLOURS[len(colours)])
+                    look = {"marker": _MARKERS.get(triangles, "D"), "linestyle": "--" if "average" in series else "-"}
+                    axis.loglog(cells, errors, color=colour, label=series, **look)
             cells = np.array([f.cells for (name, _), group in groups.items() if name == quantity for f in group])
             reference = np.array([cells.min(), cells.max()])
             top = max(abs(group[0].error) for (name, _), group in groups.items() if name == quantity)
@@ -133,7 +139,7 @@ def draw(card: str) -> None:
             axis.set_xticks(ticks, [f"{tick:.3g}" for tick in ticks])
             axis.minorticks_off()
             axis.set(xlabel="cells a side", title=quantity)
-            axis.legend(fontsize=6)
+            legend_below(axis)
         axes[0, 0].set_ylabel("relative error")
         figure.savefig(picture_of(card), dpi=80, metadata={"Software": None})
         plt.close(figure)
