@@ -99,7 +99,7 @@ def _small(path: Path, place: Path) -> dict[str, Any]:
 
 
 def content() -> str:
-    """All examples that have been run, each with its pictures, its figures and its run time."""
+    """All examples that have been run, each with its pictures, its figures, its run time and its script."""
     return "\n\n".join(_section(name, runs) for name, runs in stored().items())
 
 
@@ -110,6 +110,8 @@ def _section(name: str, runs: list[dict[str, Any]]) -> str:
     parts += [f"{rest[:1].upper()}{rest[1:]}"] if rest else []
     parts += [_picture(title, picture) for picture in runs[-1]["pictures"]]
     parts += [printed(name, number) for number in range(len(runs))]
+    script = f"examples/{name}.py"
+    parts.append(f'??? example "The script: {script}"\n\n    ```python\n    --8<-- "{script}"\n    ```')
     return "\n\n".join(parts)
 
 

@@ -39,6 +39,12 @@ def test_pictures_are_made_by_a_script():
     assert {name for name in others if not name.startswith(("benchmark_", "validation_"))} <= made
 
 
+def test_the_gallery_has_every_example_with_its_script():
+    page = (DOCS / "gallery.md").read_text()
+    scripts = sorted(path.name for path in (ROOT / "examples").glob("*.py"))
+    assert len(scripts) > 10 and re.findall(r'--8<-- "examples/(.*?)"', page) == scripts
+
+
 def test_the_gallery_shows_what_is_stored():
     command = [sys.executable, "-m", "docs.gallery", "--check"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, stdin=subprocess.DEVNULL)
