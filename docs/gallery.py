@@ -111,7 +111,7 @@ def _section(name: str, runs: list[dict[str, Any]]) -> str:
     parts += [_picture(title, picture) for picture in runs[-1]["pictures"]]
     parts += [printed(name, number) for number in range(len(runs))]
     script = f"examples/{name}.py"
-    parts.append(f'??? example "The script: {script}"\n\n    ```python\n    --8<-- "{script}"\n    ```')
+    parts.append(f'??? example "The script: {script}"\n\n    ```{{ .python }}\n    --8<-- "{script}"\n    ```')
     return "\n\n".join(parts)
 
 
