@@ -5,7 +5,7 @@ its derivatives are exact wherever the nearest corner, edge or inside of a trian
 import atexit
 import functools
 import importlib.util
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -171,7 +171,7 @@ def search_faces(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray) ->
 
 
 @functools.cache
-def _igl():
+def _igl() -> Any:
     return importlib.import_module("igl") if importlib.util.find_spec("igl") else None
 
 
