@@ -62,7 +62,7 @@ def _relaxation(rows: list[Row]) -> plt.Figure:
                 continue
             seconds = [point["seconds"] for point in row["trace"]]
             for axis, quantity in zip(column, ("force", "distance"), strict=True):
-                axis.loglog(seconds, [point[quantity] for point in row["trace"]], ".-", label=row["case"]["minimiser"])
+                axis.loglog(seconds, [point[quantity] for point in row["trace"]], "-", label=row["case"]["minimiser"])
         column[0].set_title(SCENES[mesh].name)
         column[1].set_xlabel("seconds")
     axes[0, 0].set_ylabel("|∇E|")
@@ -78,7 +78,7 @@ def _training(scene: str, rows: list[Row]) -> plt.Figure:
             continue
         for axis, quantity in zip(axes, ("relaxations", "seconds"), strict=True):
             points = [(point[quantity], point["loss"]) for point in row["trace"]]
-            axis.semilogy(*zip(*points, strict=True), ".-", label=row["case"]["optimiser"])
+            axis.semilogy(*zip(*points, strict=True), "-", label=row["case"]["optimiser"])
             axis.set_xlabel(quantity)
     axes[0].set_ylabel("loss")
     legend_below(axes[0])

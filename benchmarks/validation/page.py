@@ -121,8 +121,8 @@ def draw(card: str) -> None:
         return
     with plt.rc_context(STYLE):
         figure, axes = plt.subplots(1, len(quantities), figsize=(3.6 * len(quantities), 3.8), squeeze=False)
+        colours: dict[str, str] = {}  # of each method, in all panels
         for axis, quantity in zip(axes[0], quantities, strict=True):
-            colours: dict[str, str] = {}
             for (name, series), group in groups.items():
                 if name == quantity:
                     cells, errors = [f.cells for f in group], [abs(f.error) for f in group]
