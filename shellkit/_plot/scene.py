@@ -192,7 +192,7 @@ def _draw_bar(plotter: Any, surface_name: str, heading: str, size: float) -> Non
         mapper=plotter.renderer.actors[surface_name].mapper,
         vertical=False,
         width=width,
-        height=0.065,
+        height=0.075,
         position_x=0.5 - 0.5 * width,
         position_y=0.02,
         n_labels=3,
@@ -203,6 +203,7 @@ def _draw_bar(plotter: Any, surface_name: str, heading: str, size: float) -> Non
     )
     bar.SetTitle("")
     bar.SetTextPositionToPrecedeScalarBar()
+    bar.SetTextPad(round(size / 100))  # between the numbers and the bar
     _write(plotter, heading, 0.5, 0.55 * _BOTTOM, size / 32, palette.TEXT, f"heading of {surface_name}")
 
 
