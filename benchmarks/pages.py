@@ -20,23 +20,22 @@ _SCENES = {
 
 
 def design_steps() -> str:
-    """The table of the README: what a design step costs, and how exact its relaxation is."""
+    """The table of the README: what a design step costs from random directors, and how exact its relaxation is."""
     rows = {row["label"]: row for row in report.load("design_step")}
     if not rows:
         return _not_measured("design_step")
-    head = ("scene", "directors", "shellkit", "&#124;∇E&#124;", "published", "×", "CG adjoint", "×", "&#124;∇E&#124;")
+    head = ("scene", "shellkit", "&#124;∇E&#124;", "published", "×", "CG adjoint", "×", "&#124;∇E&#124;")
     lines = []
     for mesh, scene in _SCENES.items():
-        for field in ("zero", "random"):
-            ours, published, cg = (
-                rows.get(f"{mesh} {field} {library}", {"skipped": "not measured"})
-                for library in ("shellkit", "triangulax-published", "triangulax-cg")
-            )
-            if all(report.missing(row) == "not measured" for row in (ours, published, cg)):
-                continue
-            theirs = [cell for row in (published, cg) for cell in (_time(row), _ratio(row, ours))]
-            lines.append([scene, field, _time(ours), _force(ours), *theirs, _force(cg)])
-    done = [row for row in rows.values() if not report.missing(row)]
+        ours, published, cg = (
+            rows.get(f"{mesh} random {library}", {"skipped": "not measured"})
+            for library in ("shellkit", "triangulax-published", "triangulax-cg")
+        )
+        if all(report.missing(row) == "not measured" for row in (ours, published, cg)):
+            continue
+        theirs = [cell for row in (published, cg) for cell in (_time(row), _ratio(row, ours))]
+        lines.append([scene, _time(ours), _force(ours), *theirs, _force(cg)])
+    done = [row for label, row in rows.items() if " random " in label and not report.missing(row)]
     loads = [row["load"] for row in done]
     conditions = (
         f"*{describe()['cpu']}, {max(row['threads'] for row in done)} threads; "
