@@ -1,5 +1,6 @@
 """Whether a relaxation told the truth: its end judged by a dense Hessian and its null space, without the solver."""
 
+import re
 from dataclasses import dataclass
 
 import equinox as eqx
@@ -52,7 +53,7 @@ def judge(case: Case) -> Verdict:
         finite,
         converged,
         honest,
-        "" if converged else reason.split(".")[0].split(":")[0],
+        "" if converged else re.split(r"[:;]|\. ", reason)[0].rstrip("."),
         int(equilibrium.steps),
         float(equilibrium.energy),
         float(distance),
