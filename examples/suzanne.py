@@ -44,9 +44,9 @@ def suzanne_problem(mesh: sk.Mesh, form: Literal["sin", "tan"] = "tan") -> sk.In
 
 def adam(steps: int) -> optax.GradientTransformation:
     """Where the shell is about to snap, the gradient leaps to fifty times its size, and what Adam remembers of that
-    would stop it for hundreds of steps: so it is clipped, and forgotten sooner. After a snap the loss is up to twice
-    what it was, and below it again a few steps later. The tutorial's rate begins at 0.5, with which the directors first
-    lose all order."""
+    would stop it for hundreds of steps: so it is clipped, and forgotten sooner. After a snap the loss is up to three
+    times what it was, and below it again a few steps later. The tutorial's rate begins at 0.5, with which the directors
+    first lose all order."""
     rate = optax.cosine_decay_schedule(0.15, steps, alpha=0.02)
     return optax.chain(optax.clip_by_global_norm(0.004), optax.adam(rate, b2=0.99))
 
