@@ -33,6 +33,7 @@ class Case:
     needs_gb: float = 1.0
     limit_s: float = 900.0
     platform: str = "cpu"  # what JAX calls it
+    settings: dict[str, str] = field(default_factory=dict)  # of the environment
 
 
 def run(case: Case, threads: int, peer_python: str | None) -> Row:
@@ -75,7 +76,7 @@ def _call(python: str, case: Case, arguments: dict[str, Any], threads: int) -> R
             finished = subprocess.run(
                 [python, "-m", "benchmarks.child", str(request), str(answer)],
                 cwd=ROOT,
-                env=os.environ | settings,
+                env=os.environ | settings | case.settings,
                 capture_output=True,
                 text=True,
                 timeout=case.limit_s,

@@ -211,7 +211,7 @@ class InverseProblem(eqx.Module):
         multipliers = None
         if energy.quantities is None:
             end = minimised(still, y0, motions, length, self.solver, linear_solver, self._step_limit())
-            y = differentiable_minimum(energy, end.y, motions, linear_solver)
+            y = differentiable_minimum(energy, end.y, motions, linear_solver, end.last)
         else:
             assert isinstance(self.solver, SparseNewton)  # as was checked when the problem was built
             first = None if start is None else start.multipliers

@@ -10,8 +10,9 @@ from jaxtyping import Array, Bool, Float, Int, Scalar
 from ._energy import DiscreteEnergy
 from ._geometry.patches import Triangles
 from ._holding import Held, relax_held
+from ._solve.adjoint import LastFactor
 from ._solve.bordered import BorderedSolver
-from ._solve.direct import AbstractSparseSolver
+from ._solve.direct import AbstractSparseSolver, Factor
 from ._solve.motions import held_still
 from ._solve.newton import NewtonState, SparseNewton
 from ._solve.operator import SparseSymmetric
@@ -31,6 +32,7 @@ class End(eqx.Module):
     factorisations: Int[Array, ""]
     stable: Bool[Array, ""]
     result: optx.RESULTS
+    last: LastFactor | None = None
 
 
 def minimised(
@@ -66,7 +68,10 @@ def minimised(
         value, gradient = point.value, point.gradient
         stable = solution.result == optx.RESULTS.successful
         factorisations = solution.stats["factorisations"]
+        factor = solution.state.factor
+        last = LastFactor(factor, solution.state.held) if isinstance(factor, Factor) else None
     else:
+        last = None
         value, gradient = energy.value_and_gradient(solution.value)
         hessian = energy.hessian(solution.value)
         assert isinstance(hessian, SparseSymmetric)  # constraints are for SparseNewton, as was checked
@@ -75,7 +80,7 @@ def minimised(
         stable = factor.ok & (factor.negative <= 0)
         factorisations = jnp.ones((), jnp.int32)
     steps = solution.stats["num_steps"]
-    return End(solution.value, value, gradient, steps, factorisations, stable, solution.result)
+    return End(solution.value, value, gradient, steps, factorisations, stable, solution.result, last)
 
 
 def minimised_held(
