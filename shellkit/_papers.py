@@ -166,6 +166,16 @@ LE_DRET_1995 = """@article{ledret1995nonlinear,
     year = {1995},
 }"""
 
+MAGISANO_2017 = """@article{magisano2017improve,
+    author = {Magisano, Domenico and Leonetti, Leonardo and Garcea, Giovanni},
+    title = {How to improve efficiency and robustness of the {N}ewton method in geometrically non-linear structural
+        problem discretized via displacement-based finite elements},
+    journal = {Computer Methods in Applied Mechanics and Engineering},
+    volume = {313},
+    pages = {986--1005},
+    year = {2017},
+}"""
+
 MEYER_2003 = """@incollection{meyer2003discrete,
     author = {Meyer, Mark and Desbrun, Mathieu and Schr{\\"o}der, Peter and Barr, Alan H.},
     title = {Discrete differential-geometry operators for triangulated 2-manifolds},

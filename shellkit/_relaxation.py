@@ -64,7 +64,7 @@ def minimised(
         throw=False,
     )
     if isinstance(solution.state, NewtonState):
-        point = solution.state.point
+        point = solution.state.best
         value, gradient = point.value, point.gradient
         stable = solution.result == optx.RESULTS.successful
         factorisations = solution.stats["factorisations"]
@@ -118,10 +118,13 @@ class Feasible(eqx.Module):
 
 def minimiser_options(energy: DiscreteEnergy, motions: FreeMotions | None, length: Scalar) -> dict[str, Any]:
     """What a minimiser is told of an energy beside its value."""
+    # A shell that only stretches has no narrow valleys.
+    bends = energy.faces is not None and energy.faces.form is not None and energy.quantities is None
     return {
         "value_and_gradient": energy.value_and_gradient,
         "derivatives": energy.derivatives,
         "feasible": Feasible(energy),
         "motions": motions,
         "length": length,
+        "apart": (energy.faces_at, energy.derivatives_apart) if bends else None,
     }

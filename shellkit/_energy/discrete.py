@@ -1,8 +1,9 @@
 """The energy of one scene at given parameters, as a function of its free unknowns: what a minimiser works on."""
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, Scalar
+from jaxtyping import Array, Bool, Float, Scalar
 
 from .._geometry.patches import Continuation
 from .._mesh.mesh import Mesh
@@ -14,7 +15,7 @@ from .base import AbstractEnergy, EnergyTerm, FormEnergy
 from .constraints import Constraint
 from .convexity import FaceHessians
 from .elements import Elements
-from .faces import FaceEnergies
+from .faces import FaceEnergies, FaceState
 from .quantities import Quantities
 
 
@@ -110,11 +111,39 @@ class DiscreteEnergy(eqx.Module):
         The Hessian is a [`Bordered`][] matrix where quantities of the whole shell are held. Last comes what makes it
         convex; only terms on faces have it.
         """
+        on_faces = None if self.faces is None else self.faces.derivatives(*self.state(y))[:3]
+        return self._added_up(y, on_faces)
+
+    def faces_at(self, y: Float[Array, " n"]) -> FaceState:
+        """The faces where the unknowns `y` have them, without stress."""
+        assert self.faces is not None
+        numbers = self.faces.numbers(*self.state(y))
+        return FaceState(numbers, jnp.zeros_like(numbers))
+
+    def derivatives_apart(
+        self, y: Float[Array, " n"], apart: FaceState, at_state: Bool[Array, ""]
+    ) -> tuple[Scalar, Float[Array, " n"], SparseSymmetric | Bordered, "Convexification | None", "FacesAhead"]:
+        """What `derivatives` returns, of the energy with the numbers of faces as unknowns of their own, reduced to `y`;
+        and last where a step takes the faces.
+
+        **Arguments:**
+
+        - `y`: the free unknowns.
+        - `apart`: the faces.
+        - `at_state`: if not, they are taken where `y` has them, and all is as in `derivatives`.
+        """
+        assert self.faces is not None
+        value, pulled, second, stress = self.faces.derivatives(*self.state(y), apart, at_state)
+        ahead = FacesAhead(self, y, stress, second.intrinsic)
+        return *self._added_up(y, (value, pulled, second)), ahead
+
+    def _added_up(
+        self, y: Float[Array, " n"], on_faces: tuple[Scalar, Float[Array, "m F"], FaceHessians] | None
+    ) -> tuple[Scalar, Float[Array, " n"], SparseSymmetric | Bordered, "Convexification | None"]:
+        """The derivatives of all terms from those of the faces."""
         vertices, directors = self.state(y)
-        total, on_faces, second = jnp.zeros(()), None, None
-        if self.faces is not None:
-            total, on_faces, second = self.faces.derivatives(vertices, directors)
-        total, gradient = self._with_elements(total, on_faces, vertices, directors)
+        total, pulled, second = (jnp.zeros(()), None, None) if on_faces is None else on_faces
+        total, gradient = self._with_elements(total, pulled, vertices, directors)
         convexification = None if second is None else Convexification(self.assembly, second)
         on_elements = [elements.hessian(vertices) for elements in self.elements]
         held = self.quantities
@@ -197,6 +226,21 @@ class Convexification(eqx.Module):
 
     def __call__(self) -> SparseSymmetric:
         return self.assembly.lift(self.faces)
+
+
+class FacesAhead(eqx.Module):
+    """Where a step takes the numbers of the faces and their stress, to first order."""
+
+    energy: DiscreteEnergy
+    y: Float[Array, " n"]
+    stress: Float[Array, "k F"]
+    intrinsic: Float[Array, "k k F"]
+
+    def __call__(self, step: Float[Array, " n"]) -> FaceState:
+        faces = self.energy.faces
+        assert faces is not None
+        numbers, change = jax.jvp(lambda y: faces.numbers(*self.energy.state(y)), (self.y,), (step,))
+        return FaceState(numbers + change, self.stress + jnp.sum(self.intrinsic * change, axis=1))
 
 
 def _director_moments(terms: list[tuple[Array | None, EnergyTerm]], mesh: Mesh) -> Float[Array, " E"] | None:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float, PyTree, Scalar
+from jaxtyping import Array, Bool, Float, PyTree, Scalar
 
 from .._geometry.forms import CurvatureForm, curvature_from_angles, director_signs, metric_from_lengths
 from .._geometry.patches import (
@@ -26,6 +26,14 @@ from .._geometry.patches import (
 from .._mesh.mesh import Mesh
 from .base import FormEnergy
 from .convexity import FaceHessians
+
+
+class FaceState(eqx.Module):
+    """The intrinsic numbers of all faces and the derivatives of their energies in these, where a step has taken them to
+    first order: unknowns of their own, which agree with the positions once a relaxation has converged."""
+
+    numbers: Float[Array, "k F"]
+    stress: Float[Array, "k F"]
 
 
 class FaceEnergies(eqx.Module):
@@ -115,16 +123,37 @@ class FaceEnergies(eqx.Module):
         turns = jnp.where(hinges.listed, stress, 0.0)[:, None] * along
         return jnp.zeros((self.mesh.n_edges, 3)).at[self.mesh.face_edges.T].add(jnp.moveaxis(turns, 1, 2))
 
+    def numbers(self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None) -> Float[Array, "k F"]:
+        """The intrinsic numbers of all faces."""
+        return jnp.stack(self._intrinsic(vertices, directors)[2])
+
     def derivatives(
-        self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None
-    ) -> tuple[Scalar, Float[Array, "m F"], FaceHessians]:
-        """The sum over all faces, its gradient as in `value_and_gradient`, and its second derivatives."""
+        self,
+        vertices: Float[Array, "V 3"],
+        directors: Float[Array, " E"] | None,
+        apart: FaceState | None = None,
+        at_state: Bool[Array, ""] | bool = False,
+    ) -> tuple[Scalar, Float[Array, "m F"], FaceHessians, Float[Array, "k F"]]:
+        """The sum over all faces, its gradient as in `value_and_gradient`, its second derivatives, and the derivatives
+        in the intrinsic numbers.
+
+        With `at_state`, the material is looked at where the state `apart` has it, to first order, and the geometric
+        part has the stress of that state.
+        """
         triangles, hinges, numbers = self._intrinsic(vertices, directors)
-        value, stress, intrinsic = _second_derivatives(self._value_and_stress, numbers)
+        geometric_stress = None
+        if apart is None:
+            value, stress, intrinsic = _second_derivatives(self._value_and_stress, numbers)
+        else:
+            there = [jnp.where(at_state, far, here) for far, here in zip(apart.numbers, numbers, strict=True)]
+            value, stress, intrinsic = _second_derivatives(self._value_and_stress, tuple(there))
+            geometric_stress = jnp.where(at_state, apart.stress, stress)
+            stress = stress + jnp.sum(intrinsic * (jnp.stack(numbers) - jnp.stack(there)), axis=1)
         # What several of the sums below use is kept in memory, or XLA computes it again for each.
         triangles, hinges, stress, intrinsic = jax.lax.optimization_barrier((triangles, hinges, stress, intrinsic))
         corners = [jnp.concatenate([2.0 * SIGN[i, p] * triangles.edges[i] for p in range(3)]) for i in range(3)]
-        geometric = length_curvature(stress[:3])
+        geometric_stress = stress if geometric_stress is None else geometric_stress
+        geometric = length_curvature(geometric_stress[:3])
         gradients = own = None
         if hinges is not None:
             gradients = HingeGradients(triangles, hinges)
@@ -136,12 +165,12 @@ class FaceEnergies(eqx.Module):
                 signs = director_signs(self.mesh) / self.director_length
                 own = [jnp.concatenate([own[i], signs[i][None]]) for i in range(3)]
             own = jnp.stack(own)
-            hinge_stress = hinges.near_part(stress[3:])
+            hinge_stress = hinges.near_part(geometric_stress[3:])
             beyond = hinge_stress.T.reshape(-1)[jnp.maximum(self.mesh.twins.T, 0)]
             hinge_stress = hinges.hinged * hinge_stress + hinges.beyond * beyond
             geometric = geometric + hinge_curvature(triangles, hinge_stress)
         pulled = self._pull_back(triangles, hinges, gradients, stress)
-        return jnp.sum(value), pulled, FaceHessians(jnp.stack(corners), own, intrinsic, geometric)
+        return jnp.sum(value), pulled, FaceHessians(jnp.stack(corners), own, intrinsic, geometric), stress
 
 
 def _second_derivatives(

@@ -9,10 +9,11 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int, PyTree, Scalar
 
-from .._papers import GILL_1981, NOCEDAL_2006
+from .._papers import GILL_1981, MAGISANO_2017, NOCEDAL_2006
 from .bordered import Bordered, BorderedFactor
 from .choose import default_direct_solver
 from .direct import AbstractSparseSolver, Factor
+from .mixed import Apart, Mixed, Point, choose
 from .motions import coordinates_to_hold, orthonormal, project_out
 from .operator import SparseSymmetric
 
@@ -44,14 +45,7 @@ class _Scene(eqx.Module):
     feasible: Callable[[Array, Array], Bool[Array, ""]]
     motions: Callable[[Array], Array] | None
     length: Scalar
-
-
-class Point(eqx.Module):
-    """A point with its energy and its gradient."""
-
-    y: Float[Array, " n"]
-    value: Scalar
-    gradient: Float[Array, " n"]
+    apart: Apart | None
 
 
 class NewtonState(eqx.Module):
@@ -63,8 +57,15 @@ class NewtonState(eqx.Module):
     held: Int[Array, " k"] | None  # the coordinates that were held in the factor
     factorisations: Int[Array, ""]
     leaving: Bool[Array, ""]  # a saddle was reached: the next step follows negative curvature
+    mixed: Mixed | None
     done: Bool[Array, ""]
     stuck: Bool[Array, ""]
+
+    @property
+    def best(self) -> Point:
+        """Where the search is; in the midst of mixed steps, where they began."""
+        mixed = self.mixed
+        return self.point if mixed is None else choose(mixed.on, mixed.origin, self.point)
 
 
 class SparseNewton(optx.AbstractMinimiser):
@@ -73,7 +74,9 @@ class SparseNewton(optx.AbstractMinimiser):
     Each step factorises the Hessian with a shift that is raised until the inertia of the factor shows no negative
     eigenvalue and falls to zero near a minimum; takes the longest feasible step that lowers the energy; and, once
     close, adds quasi-Newton corrections with the same factor, each a fraction of the price of a step. A saddle is left
-    along a direction of negative curvature. Motions that cost nothing are held and projected out.
+    along a direction of negative curvature. Where the step of a convex model has to be cut short, as the energy of a
+    thin shell is a narrow curved valley, steps with the strains as unknowns of their own follow it to its end, or are
+    dropped. Motions that cost nothing are held and projected out.
 
     It works on one flat vector and is told about the function through `options` of `optimistix.minimise`:
 
@@ -84,6 +87,9 @@ class SparseNewton(optx.AbstractMinimiser):
     - `options["feasible"]`: `(y, y_new) -> bool`, whether a step may be taken.
     - `options["motions"]`: `y -> ` motions that cost nothing, shape (n, k).
     - `options["length"]`: a typical length, such as that of an edge, against which steps are measured; 1 by default.
+    - `options["apart"]`: the energy with its strains as unknowns of their own, for steps in narrow valleys: a pair of
+        `y -> ` the strains, and `(y, strains, at_strains) -> ` what `options["derivatives"]` gives, at those strains or
+        at those of `y`, and `step -> ` the strains to which it leads. Without it there are no such steps.
 
     [`shellkit.InverseProblem`][] provides all of these. Not for functions whose Hessian is dense, and not for single
     precision.
@@ -93,10 +99,13 @@ class SparseNewton(optx.AbstractMinimiser):
         The shift by inertia is Algorithm 3.3 of J. Nocedal and S. Wright, "Numerical Optimization", 2nd edition (2006),
         with a factorisation that reports the inertia (section 3.4); the corrections are those of its Algorithm 7.4
         (L-BFGS), begun from the factor. What makes the Hessian of a shell convex is a modified Cholesky factorisation
-        of P. Gill, W. Murray and M. Wright, "Practical Optimization" (1981), section 4.4.2.2, face by face.
+        of P. Gill, W. Murray and M. Wright, "Practical Optimization" (1981), section 4.4.2.2, face by face. The steps
+        in narrow valleys follow D. Magisano, L. Leonetti and G. Garcea, "How to improve efficiency and robustness of
+        the Newton method in geometrically non-linear structural problem discretized via displacement-based finite
+        elements", Comput. Methods Appl. Mech. Eng. 313 (2017) 986–1005.
     """
 
-    papers: ClassVar[tuple[str, ...]] = (NOCEDAL_2006, GILL_1981)
+    papers: ClassVar[tuple[str, ...]] = (NOCEDAL_2006, GILL_1981, MAGISANO_2017)
     rtol: float
     max_steps: int = eqx.field(static=True)
     linear_solver: AbstractSparseSolver
@@ -130,6 +139,7 @@ class SparseNewton(optx.AbstractMinimiser):
             feasible=options.get("feasible", lambda y, y_new: jnp.array(True)),
             motions=options.get("motions"),
             length=jnp.asarray(options.get("length", 1.0)),
+            apart=None if options.get("apart") is None else Apart(*options["apart"]),
         )
 
     def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> NewtonState:
@@ -143,15 +153,23 @@ class SparseNewton(optx.AbstractMinimiser):
         )
         held = None if scene.motions is None else jnp.zeros(scene.motions(y).shape[1], int)
         no = jnp.array(False)
-        return NewtonState(nowhere, jnp.zeros(()), blank, held, jnp.zeros((), jnp.int32), no, no, no)
+        mixed = None if scene.apart is None else Mixed.off(scene.apart.begin(y), nowhere)
+        return NewtonState(nowhere, jnp.zeros(()), blank, held, jnp.zeros((), jnp.int32), no, mixed, no, no)
 
     def step(self, fn, y, args, options, state: NewtonState, tags):
         scene = self._scene(fn, args, options)
-        value, gradient, hessian, convexification = scene.derivatives(y)
+        free, ahead, mixed = jnp.array(False), None, state.mixed
+        if scene.apart is None or mixed is None:
+            value, gradient, hessian, convexification = scene.derivatives(y)
+        else:
+            free = mixed.on
+            value, gradient, hessian, convexification, ahead = scene.apart.derivatives(y, mixed.strains, free)
         point = Point(y, value, gradient)
         basis = None if scene.motions is None else orthonormal(scene.motions(y))
         held = None if basis is None else coordinates_to_hold(basis)
-        factor, newton, shift, tries = self._factorise(state, hessian, convexification, basis, held, -gradient)
+        factor, newton, shift, tries = self._factorise(
+            state, hessian, convexification, basis, held, -gradient, jnp.where(free, 1, _MAX_SHIFTS)
+        )
         # A direction that is none shows in the energy.
         solve = lambda rhs: solve_held(self.linear_solver, factor, basis, held, rhs, checked=False)
         direction = jax.lax.cond(
@@ -159,12 +177,12 @@ class SparseNewton(optx.AbstractMinimiser):
         )
         size = jnp.max(jnp.abs(direction))
         regular = (shift == 0) & _usable(factor) & ~state.leaving
-        moved, length, settled = _descend(scene, point, direction, solve, state.leaving, regular, self.rtol)
+        moved, length, settled = _descend(scene, point, direction, solve, state.leaving, regular, free, self.rtol)
 
         stalled = length == 0
         # A tiny step that even the gradient rejects is made of rounding.
         floor = (size < _FLOOR * scene.length) & (length < 0.2)
-        settled = settled | (regular & (floor | (size <= self.rtol * scene.length)))
+        settled = settled | (regular & ~free & (floor | (size <= self.rtol * scene.length)))
         small = size < _SADDLE * scene.length
         # More than one try means that the matrix was just seen not to be definite.
         leaving = (shift > 0) & ~state.leaving & (stalled | (small & (tries > 1)))
@@ -173,13 +191,17 @@ class SparseNewton(optx.AbstractMinimiser):
         # A shift that had to be raised within the step is kept; one that was enough at once fades fast.
         decayed = shift * jnp.where(tries > 1, 1.0, _SHIFT_DECAY)
         faded = jnp.where((decayed < _SMALLEST_SHIFT) | (small & (tries == 1)), 0.0, decayed)
-        lost = stalled & ~state.leaving & ~settled
+        lost = stalled & ~state.leaving & ~settled & ~free
         after = jnp.where(length < 0.2, grown, jnp.where(length > 0.5, faded, shift))
         shift = jnp.where(lost, grown * _SHIFT_GROWTH, jnp.where(state.leaving & stalled, shift, after))
         stuck = (lost & (shift > _LARGEST_SHIFT)) | ~_usable(factor) | ~jnp.isfinite(moved.value)
-        state = NewtonState(
-            moved, shift, factor, held, state.factorisations + tries, leaving, settled, stuck & ~settled
-        )
+        stuck = stuck & ~settled & ~free
+        if mixed is not None and ahead is not None:
+            trusted = regular & ~settled & ~stuck
+            mixed, moved = mixed.after(point, direction, moved, length, trusted, scene.length, lambda: ahead(direction))
+            # Steps of this kind have no shift; those that follow begin without.
+            shift = jnp.where(mixed.on | free, 0.0, shift)
+        state = NewtonState(moved, shift, factor, held, state.factorisations + tries, leaving, mixed, settled, stuck)
         return moved.y, state, None
 
     def _factorise(
@@ -190,6 +212,7 @@ class SparseNewton(optx.AbstractMinimiser):
         basis: Float[Array, "n k"] | None,
         held: Int[Array, " k"] | None,
         rhs: Array,
+        max_tries: Array,
     ) -> tuple[Factor | BorderedFactor, Float[Array, " n"], Scalar, Int[Array, ""]]:
         """Factorise the Hessian with the smallest shift tried, from the last one up, that leaves no negative
         eigenvalue; and solve for one right-hand side."""
@@ -214,7 +237,7 @@ class SparseNewton(optx.AbstractMinimiser):
             higher = jnp.maximum(next_shift, _SMALLEST_SHIFT) * _SHIFT_GROWTH**stride
             return factor, solution, higher, next_shift, tries + 1, lift
 
-        unfit = lambda carry: (carry[4] == 0) | (~_usable(carry[0]) & (carry[4] < _MAX_SHIFTS))
+        unfit = lambda carry: (carry[4] == 0) | (~_usable(carry[0]) & (carry[4] < max_tries))
         sparse = hessian.sparse if isinstance(hessian, Bordered) else hessian
         no_lift = None if convexification is None else jnp.zeros_like(sparse.values)
         start = (state.factor, rhs, state.shift, state.shift, jnp.zeros((), jnp.int32), no_lift)
@@ -226,7 +249,7 @@ class SparseNewton(optx.AbstractMinimiser):
         return state.done | state.stuck, result
 
     def postprocess(self, fn, y, aux, args, options, state: NewtonState, tags, result):
-        return y, aux, {"factorisations": state.factorisations}
+        return state.best.y, aux, {"factorisations": state.factorisations}
 
 
 def _convexified(
@@ -284,10 +307,11 @@ def _descend(
     solve: Callable[[Array], Array],
     leaving: Bool[Array, ""],
     regular: Bool[Array, ""],
+    free: Bool[Array, ""],
     rtol: float,
 ) -> tuple[Point, Scalar, Bool[Array, ""]]:
     """Halve the step until it is feasible and lowers the energy, or double it while that lowers it further; then,
-    near a minimum, correct it as long as that pays.
+    near a minimum, correct it as long as that pays. A `free` step is taken as it is.
 
     One loop does both, so that the energy is compiled once.
 
@@ -296,7 +320,7 @@ def _descend(
     """
     slope = point.gradient @ direction
     size = jnp.max(jnp.abs(direction))
-    near = regular & (size < scene.length)
+    near = regular & ~free & (size < scene.length)
     # An energy close to zero is a sum of squares of differences: it has fewer digits than its size says.
     tiny = regular & (size < _FLOOR * scene.length)
     noise = jnp.where(tiny, jnp.inf, _NOISE * jnp.finfo(point.y.dtype).eps * jnp.abs(point.value))
@@ -314,7 +338,7 @@ def _descend(
         further = now.length > 1
         found = scene.feasible(now.point.y, y) & jnp.where(leaving | further, downwards, lower | level)
         better = (trial.value <= now.point.value + noise) & (ratio < 1)
-        accepted = finite & jnp.where(now.searching, found, better)
+        accepted = finite & (free | jnp.where(now.searching, found, better))
 
         size, target = jnp.max(jnp.abs(now.direction)), rtol * scene.length
         settled = ~now.searching & (size <= target)

@@ -51,11 +51,13 @@ def test_steps_do_not_depend_on_the_unit_of_length(verdicts):
 @pytest.mark.slow
 @pytest.mark.parametrize("material", sorted(MATERIALS))
 def test_strip_of_any_thickness(material):
-    """At once from flat down to a thickness of a thousandth. Thinner ones run out of steps, which the page on stability
-    says: each full step that bends them also stretches them, and is cut."""
+    """At once from flat, in a number of steps that does not depend on the thickness. Of the Hessian of the thinnest, of
+    1e-5, rounding leaves too little."""
     judged = {case.label: judge(case) for case in strips(material, 5)}
     assert all(verdict.finite and verdict.honest for verdict in judged.values())
-    assert all(judged[label].converged for label in ("h = 1e-01", "h = 1e-02", "h = 1e-03"))
+    thick = [judged[label] for label in ("h = 1e-01", "h = 1e-02", "h = 1e-03", "h = 1e-04")]
+    assert all(verdict.converged for verdict in thick)
+    assert max(verdict.steps for verdict in thick) <= 3 * min(verdict.steps for verdict in thick)
 
 
 @pytest.mark.slow
