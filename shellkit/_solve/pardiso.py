@@ -28,7 +28,7 @@ _POSITIVE, _NEGATIVE, _PERTURBED = 21, 22, 13  # entries of PARDISO's iparm, cou
 _DEFAULTS = {
     1: 2,  # nested dissection by METIS
     7: 0,  # no iterative refinement
-    9: 13,  # pivots below 1e-13 of the matrix are replaced, and counted
+    9: 15,  # pivots below 1e-15 of the matrix are replaced, and counted
     23: 1,  # two-level scheduling, for several threads
     20: 0,  # pivots are single: a third faster than in pairs, and definite matrices need no more
 }
