@@ -141,19 +141,19 @@ class FaceEnergies(eqx.Module):
         part has the stress of that state.
         """
         triangles, hinges, numbers = self._intrinsic(vertices, directors)
-        geometric_stress = None
         if apart is None:
             value, stress, intrinsic = _second_derivatives(self._value_and_stress, numbers)
+            standing = stress
         else:
             there = [jnp.where(at_state, far, here) for far, here in zip(apart.numbers, numbers, strict=True)]
             value, stress, intrinsic = _second_derivatives(self._value_and_stress, tuple(there))
-            geometric_stress = jnp.where(at_state, apart.stress, stress)
+            standing = jnp.where(at_state, apart.stress, stress)
             stress = stress + jnp.sum(intrinsic * (jnp.stack(numbers) - jnp.stack(there)), axis=1)
         # What several of the sums below use is kept in memory, or XLA computes it again for each.
-        triangles, hinges, stress, intrinsic = jax.lax.optimization_barrier((triangles, hinges, stress, intrinsic))
+        kept = (triangles, hinges, stress, standing, intrinsic)
+        triangles, hinges, stress, standing, intrinsic = jax.lax.optimization_barrier(kept)
         corners = [jnp.concatenate([2.0 * SIGN[i, p] * triangles.edges[i] for p in range(3)]) for i in range(3)]
-        geometric_stress = stress if geometric_stress is None else geometric_stress
-        geometric = length_curvature(geometric_stress[:3])
+        geometric = length_curvature(standing[:3])
         gradients = own = None
         if hinges is not None:
             gradients = HingeGradients(triangles, hinges)
@@ -165,7 +165,7 @@ class FaceEnergies(eqx.Module):
                 signs = director_signs(self.mesh) / self.director_length
                 own = [jnp.concatenate([own[i], signs[i][None]]) for i in range(3)]
             own = jnp.stack(own)
-            hinge_stress = hinges.near_part(geometric_stress[3:])
+            hinge_stress = hinges.near_part(standing[3:])
             beyond = hinge_stress.T.reshape(-1)[jnp.maximum(self.mesh.twins.T, 0)]
             hinge_stress = hinges.hinged * hinge_stress + hinges.beyond * beyond
             geometric = geometric + hinge_curvature(triangles, hinge_stress)
