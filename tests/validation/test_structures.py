@@ -1,6 +1,7 @@
 """Cards 7 to 10 and 13 of the validation, on coarse meshes: plates, strips, large displacements, thin curved shells and
 roofs that snap through."""
 
+import numpy as np
 import pytest
 
 import shellkit as sk
@@ -46,6 +47,30 @@ def test_hemisphere_is_moved_as_published():
 def test_curved_shells_do_not_lock(scene, kind):
     problem, read, exact = scene(kind, 32)
     assert abs(read(displacement(problem)) / exact - 1) < 2e-2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_pinched_cylinder(kind):
+    problem, read, exact = locking.pinched_cylinder(kind, 128)
+    assert abs(read(displacement(problem)) / exact - 1) < 2e-2
+
+
+@pytest.mark.slow
+def test_narrow_hook_moves_as_a_beam():
+    """Castigliano's theorem for a curved beam, bent in the stiff direction and twisted with bt³/3."""
+    young, poisson, width, thickness = 3300.0, 0.35, 10.0, 2.0
+    (small, first), (large, second) = locking.HOOK
+    length = small * first + large * second
+    along = (np.arange(20_000) + 0.5) / 20_000 * length
+    tangent = np.exp(1j * np.where(along < small * first, along / small, first - (along - small * first) / large))
+    place = np.cumsum(tangent) * length / len(along)
+    arm = (place[-1] - place) * np.conj(tangent)  # to the tip: along the beam here, and across it
+    bending = arm.real**2 / (young * thickness * width**3 / 12)
+    torsion = arm.imag**2 / (young / (2 + 2 * poisson) * width * thickness**3 / 3)
+    exact = np.sum(bending + torsion) * length / len(along)
+    problem, read, _ = locking.raasch_hook("R", 144, width=width)
+    assert abs(read(displacement(problem)) / exact - 1) < 2e-2  # the clamp keeps its end from warping
 
 
 @pytest.mark.slow
