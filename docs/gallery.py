@@ -29,7 +29,6 @@ LARGEST = 140_000  # bytes
 # Which runs stand on the pages, where it is not the one without arguments. The pictures are those of the last.
 ARGUMENTS = {
     "ellipsoid": ("", "--subdivisions 3"),
-    "suzanne": ("--method adam",),
     "sphere_to_suzanne": ("--levels 3 --steps 60",),
 }
 

@@ -43,9 +43,9 @@ class Pardiso(AbstractDirectSolver):
     rounding is counted, and the factor not `ok`. `Pardiso({20: 1})` pivots as Bunch and Kaufman do, for indefinite
     matrices.
 
-    It runs on one thread, as its threads wait for each other in busy loops. On two idle cores a design step at 1400
-    vertices took 125 to 135 ms with two of them and 180 ms with one; at 642 vertices, beside other work on the same
-    cores, 180 and 60 ms. To have more, set `MKL_NUM_THREADS` in the environment.
+    It runs on one thread, as its threads wait for each other in busy loops. On two cores a design step at 1400 vertices
+    took 115 to 245 ms with two of them and 165 to 220 ms with one, from run to run; at 642 vertices, beside other work
+    on the same cores, 180 and 60 ms. To have more, set `MKL_NUM_THREADS` in the environment.
 
     ??? cite "Reference"
         O. Schenk, K. Gärtner, *Solving unsymmetric sparse systems of linear equations with PARDISO*, Future Generation

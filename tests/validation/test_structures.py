@@ -50,9 +50,8 @@ def test_curved_shells_do_not_lock(scene, kind):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", KINDS)
-def test_pinched_cylinder(kind):
-    problem, read, exact = locking.pinched_cylinder(kind, 128)
+def test_pinched_cylinder():
+    problem, read, exact = locking.pinched_cylinder("J", 128)
     assert abs(read(displacement(problem)) / exact - 1) < 2e-2
 
 
