@@ -13,7 +13,7 @@ from jaxtyping import Array, Float, Scalar
 from ._actuation import Actuation, Passive
 from ._align import Kabsch
 from ._citation import citation
-from ._energy import AbstractEnergy, Assembly, Constraint, DiscreteEnergy, FormEnergy
+from ._energy import AbstractEnergy, Assembly, Constraint, DiscreteEnergy, FormEnergy, refuse_held_moments
 from ._equilibrium import RESULTS, Equilibrium
 from ._geometry.forms import CurvatureForm
 from ._geometry.patches import Hinges, Triangles
@@ -121,6 +121,7 @@ class InverseProblem(eqx.Module):
         _check_one_curvature([term for _, term in energy.weighted_terms()])
         if self.supports is not None:
             self.supports.check(mesh)
+            refuse_held_moments(self.energy, [part.held_edges(mesh) for part in self.supports.parts()], mesh)
         if loss is not None:
             loss.check(mesh, self.actuation)
         self.assembly = Assembly.of(self.energy, mesh, self.supports)

@@ -27,6 +27,7 @@ from .contact import SphereContact as SphereContact
 from .discrete import DiscreteEnergy as DiscreteEnergy
 from .followers import EdgeMoment as EdgeMoment
 from .followers import Pressure as Pressure
+from .followers import refuse_held_moments as refuse_held_moments
 from .foundation import Foundation as Foundation
 from .incompressible import IncompressibleNeoHookean as IncompressibleNeoHookean
 from .laminate import LaminateEnergy as LaminateEnergy

@@ -110,6 +110,14 @@ def test_edge_moment_bends_a_strip_into_an_arc():
     np.testing.assert_allclose(end, exact, atol=0.01)
 
 
+def test_edge_moment_on_a_held_normal_is_refused():
+    mesh, tip = strip(cells=(4, 2))
+    energy = sk.StVenantKirchhoff(1.0, 1.0) + sk.Bending(1.0, 1.0, directors="free") + EdgeMoment(tip, 1.0)
+    with pytest.raises(ValueError, match=r"EdgeMoment: the normal of the edge .* is held by a support"):
+        sk.InverseProblem(mesh, 0.1, energy, supports=Clamped(tip))
+    sk.InverseProblem(mesh, 0.1, energy, supports=sk.Pinned(tip))
+
+
 def test_foundation_is_a_spring():
     sheet = sk.meshes.rectangle(length=2.0, width=1.0, cells=(4, 3))
     shift = jnp.array([0.1, 0.2, -0.3])
