@@ -111,14 +111,14 @@ def main() -> None:
     columns, results = {"tutorial": TUTORIAL}, {}
     options.out.mkdir(parents=True, exist_ok=True)
     for name, stages in methods.items():
-        found: list[sk.FitResult] = []
+        fits: list[sk.FitResult] = []
         for i, (optimiser, steps, max_rise) in enumerate(stages):
             # The same call made again goes on from the file: delete it to begin anew.
             file = None if options.quick else options.out / f"{name}_{options.form}_{i}.fit"
             of_fit = {"checkpoint": file, "warm_start": "last", "max_rise": max_rise, "check_every": 50}
-            design = found[-1].problem if found else problem
-            found.append(sk.fit(design, optimiser, steps=steps, where=angles, **of_fit))
-        results[name], columns[name] = found[-1], figures(found)
+            design = fits[-1].problem if fits else problem
+            fits.append(sk.fit(design, optimiser, steps=steps, where=angles, **of_fit))
+        results[name], columns[name] = fits[-1], figures(fits)
     names = ("sphericity at the start", "sphericity of the design", "tutorial's loss of it", "std(r) / mean(r)")
     names += ("largest dihedral angle", "edges beyond 90°", "time, with compilation", "after the first two steps")
     print(f"{'':<26}" + "".join(f"{name:>12}" for name in columns))

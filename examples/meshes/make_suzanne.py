@@ -332,7 +332,7 @@ def rounded(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
         areas = np.linalg.norm(np.cross(p[:, 1] - p[:, 0], p[:, 2] - p[:, 0]), axis=1) / 2
         mass = diags_array(np.bincount(faces.ravel(), np.repeat(areas / 3, 3), n))
         stiffness = diags_array(weights.sum(axis=1)) - weights
-        x = spsolve(csc_array(mass + FLOW / FLOW_STEPS * stiffness), mass @ x)
+        x = np.asarray(spsolve(csc_array(mass + FLOW / FLOW_STEPS * stiffness), mass @ x))
     return normalise(x)
 
 

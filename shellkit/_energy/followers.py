@@ -170,7 +170,7 @@ class EdgeMoment(EnergyTerm):
         return loaded_edges("EdgeMoment", self.vertices, mesh) if self.edges is None else self.edges
 
 
-def refuse_held_moments(energy: AbstractEnergy, held_edges: Sequence[Int[Array, " m"]], mesh: Mesh) -> None:
+def refuse_held_moments(energy: AbstractEnergy, held_edges: Sequence[Int[Array, " _"]], mesh: Mesh) -> None:
     """Refuse a moment on an edge whose normal is held: only the support would feel it.
 
     **Arguments:**
@@ -182,7 +182,7 @@ def refuse_held_moments(energy: AbstractEnergy, held_edges: Sequence[Int[Array, 
     **Raises:** `ValueError` with the term and the edge.
     """
     for _, term in energy.weighted_terms():
-        moments = term.director_moments(mesh)
+        moments = term.director_moments(mesh) if isinstance(term, EnergyTerm) else None
         if moments is None:
             continue
         for edges in held_edges:
