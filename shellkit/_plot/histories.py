@@ -24,6 +24,8 @@ _DIAGNOSTICS = {
     "stable",
     "refused",
     "update_scale",
+    "control",
+    "products",
     "seconds",
     "warm_gap",
 }
@@ -94,7 +96,8 @@ def plot_history(
         axes.set_title(title or "", fontsize="medium")
         axes.grid(axis="y", color="#dddddd", linewidth=0.6)
         axes.set_axisbelow(True)
-        axes.legend(frameon=False, fontsize="small")
+        # Below the axes, where it hides no curve.
+        figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize="small")
         if save is not None:
             figure.savefig(save, dpi=200)
     return figure

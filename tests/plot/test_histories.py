@@ -31,6 +31,11 @@ def test_any_columns_do_and_a_term_that_is_the_loss_is_left_out():
     assert set(drawn) == {"loss"}
 
 
+def test_what_a_least_squares_solver_records_of_itself_is_no_term():
+    columns = {"loss": [3.0, 2.0], "Volume": [1.0, 2.0], "control": [1.0, 0.1], "products": [5.0, 7.0]}
+    assert set(lines(sk.plot_history(columns))) == {"loss", "Volume"}
+
+
 def test_it_is_written_and_shows_in_a_notebook(result, tmp_path):
     figure = sk.plot_history(result, title="a fit", save=tmp_path / "history.png")
     assert (tmp_path / "history.png").read_bytes().startswith(b"\x89PNG")
