@@ -16,6 +16,7 @@ from .direct import AbstractSparseSolver, Factor
 from .mixed import Apart, Mixed, Point, choose
 from .motions import coordinates_to_hold, orthonormal, project_out
 from .operator import SparseSymmetric
+from .saddle import away_from_saddle
 
 
 _ARMIJO = 1e-4  # part of the decrease that the slope promises
@@ -31,7 +32,6 @@ _HALF_CONVEX, _DAMPING = 1e-3, 1e-6  # the shift at which the model is half conv
 _MAX_SHIFTS = 8
 _FLOOR = 1e-5  # steps below this fraction of the typical length may be too small for the energy to show
 _SADDLE = 1e-2  # steps below this fraction of the typical length, with a shift, may be at a saddle
-_LOBPCG_STEPS = 16
 
 
 _Convexification = Callable[[], SparseSymmetric]
@@ -173,7 +173,9 @@ class SparseNewton(optx.AbstractMinimiser):
         # A direction that is none shows in the energy.
         solve = lambda rhs: solve_held(self.linear_solver, factor, basis, held, rhs, checked=False)
         direction = jax.lax.cond(
-            state.leaving, lambda: scene.length * _negative_curvature(hessian.mv, solve, gradient), lambda: newton
+            state.leaving,
+            lambda: away_from_saddle(solve, gradient, scene.length),
+            lambda: newton,
         )
         size = jnp.max(jnp.abs(direction))
         regular = (shift == 0) & _usable(factor) & ~state.leaving
@@ -407,41 +409,3 @@ class _Memory(eqx.Module):
         for k in range(_MEMORY):
             ahead = ahead + (weights[k] - inverses[k] * (memory.changes[k] @ ahead)) * memory.steps[k]
         return memory, -ahead
-
-
-def _negative_curvature(
-    product: Callable[[Array], Array], solve: Callable[[Array], Array], gradient: Float[Array, " n"]
-) -> Float[Array, " n"]:
-    """A direction v of negative curvature, of size one and not uphill: the lowest of v.Hv over v.Mv, where M is the
-    matrix that was made convex and factorised, by the locally optimal method of A. Knyazev (SIAM J. Sci. Comput. 23
-    (2001) 517-541) for one vector.
-
-    The softest directions of M may well be stable ones, and the lowest of H alone are the shortest waves.
-    """
-    # Vectors come with their products by H and by M, as rows; of what was solved for, the latter is known.
-    images = lambda rhs: (lambda v: jnp.stack([v, product(v), rhs]))(solve(rhs))
-    inner = lambda a, b: a[0] @ b[2]
-    unit = lambda a: a / jnp.sqrt(jnp.maximum(jnp.abs(inner(a, a)), jnp.finfo(a.dtype).tiny))
-
-    def improve(_, carry):
-        vector, last = carry
-        ahead = images(vector[1] - (vector[0] @ vector[1]) * vector[2])
-        for other in (vector, last) * 2:
-            ahead = unit(ahead - inner(other, ahead) * other)
-        basis = jnp.stack([vector, ahead, last])
-        curvature = basis[:, 0] @ basis[:, 1].T
-        # An absent direction, of length zero, must not be the lowest.
-        absent = jnp.diag(1 - jnp.array([1.0, 1.0, inner(last, last)]))
-        curvature = (curvature + curvature.T) / 2 + 2 * jnp.linalg.norm(curvature) * absent
-        along, off, further = jnp.linalg.eigh(curvature)[1][:, 0]
-        # The step, made orthogonal to where it leads, is the third direction.
-        size = jnp.hypot(off, further)
-        safe = jnp.where(size > 0, size, 1.0)
-        new = along * vector + off * ahead + further * last
-        step = (along * (off * ahead + further * last) / safe - size * vector) * (size > 0)
-        return new, step
-
-    start = unit(images(solve(jax.random.normal(jax.random.key(0), gradient.shape, gradient.dtype))))
-    vector = jax.lax.fori_loop(0, _LOBPCG_STEPS, improve, (start, jnp.zeros_like(start)))[0][0]
-    vector = vector / jnp.max(jnp.abs(vector))
-    return jnp.where(gradient @ vector > 0, -vector, vector)
