@@ -174,7 +174,7 @@ class SparseNewton(optx.AbstractMinimiser):
         solve = lambda rhs: solve_held(self.linear_solver, factor, basis, held, rhs, checked=False)
         direction = jax.lax.cond(
             state.leaving,
-            lambda: away_from_saddle(solve, gradient, scene.length),
+            lambda: away_from_saddle(hessian.mv, solve, gradient, scene.length),
             lambda: newton,
         )
         size = jnp.max(jnp.abs(direction))

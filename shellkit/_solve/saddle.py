@@ -7,24 +7,68 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float, Scalar
 
 
-_INVERSE_ITERATIONS = 8
+_INVERSE_ITERATIONS, _LOBPCG_STEPS = 8, 16
+_BALANCE = 1e-6  # forces below this part of what the softest step would raise are those of a saddle
 
 
 def away_from_saddle(
-    solve: Callable[[Array], Array], gradient: Float[Array, " n"], length: Scalar
+    product: Callable[[Array], Array], solve: Callable[[Array], Array], gradient: Float[Array, " n"], length: Scalar
 ) -> Float[Array, " n"]:
-    """A step along the softest direction of the convex model, not uphill, by inverse iteration with its factor.
+    """A step off a saddle, not uphill: along the softest direction of the convex model, by inverse iteration with its
+    factor; or, if that is stable and forces balance, along the lowest direction of the Hessian.
 
-    Not along the lowest direction of the Hessian itself: what is most unstable while a shell has still to grow is
-    often stable where it grows to, and leads into crumpled states.
+    Not before they balance: what is most unstable while a shell has still to grow is often stable where it grows to,
+    and leads into crumpled states.
 
     **Arguments:**
 
+    - `product`: with the Hessian.
     - `solve`: with the matrix that was made convex and factorised.
     - `gradient`: where the step begins.
     - `length`: the largest entry of the step.
     """
-    vector = jax.random.normal(jax.random.key(0), gradient.shape, gradient.dtype)
+    start = jax.random.normal(jax.random.key(0), gradient.shape, gradient.dtype)
     refine = lambda _, v: (lambda w: w / jnp.max(jnp.abs(w)))(solve(v))
-    vector = length * jax.lax.fori_loop(0, _INVERSE_ITERATIONS, refine, vector)
+    softest = length * jax.lax.fori_loop(0, _INVERSE_ITERATIONS, refine, start)
+    curvature = softest @ product(softest)
+    balanced = jnp.linalg.norm(gradient) * jnp.linalg.norm(softest) < _BALANCE * curvature
+    vector = jax.lax.cond(balanced, lambda: _lowest(product, solve, start), lambda: softest)
+    vector = length / jnp.max(jnp.abs(vector)) * vector
     return jnp.where(gradient @ vector > 0, -vector, vector)
+
+
+def _lowest(
+    product: Callable[[Array], Array], solve: Callable[[Array], Array], start: Float[Array, " n"]
+) -> Float[Array, " n"]:
+    """The lowest of v.Hv over v.Mv, where M is the matrix that `solve` solves with: of H alone it would be the shortest
+    wave.
+
+    ??? cite "Source"
+        The locally optimal method of A. Knyazev, *Toward the optimal preconditioned eigensolver*, SIAM J. Sci. Comput.
+        23 (2001) 517-541, for one vector.
+    """
+    # Vectors come with their products by H and by M, as rows; of what was solved for, the latter is known.
+    images = lambda rhs: (lambda v: jnp.stack([v, product(v), rhs]))(solve(rhs))
+    inner = lambda a, b: a[0] @ b[2]
+    unit = lambda a: a / jnp.sqrt(jnp.maximum(jnp.abs(inner(a, a)), jnp.finfo(a.dtype).tiny))
+
+    def improve(_, carry):
+        vector, last = carry
+        ahead = images(vector[1] - (vector[0] @ vector[1]) * vector[2])
+        for other in (vector, last) * 2:
+            ahead = unit(ahead - inner(other, ahead) * other)
+        basis = jnp.stack([vector, ahead, last])
+        curvature = basis[:, 0] @ basis[:, 1].T
+        # An absent direction, of length zero, must not be the lowest.
+        absent = jnp.diag(1 - jnp.array([1.0, 1.0, inner(last, last)]))
+        curvature = (curvature + curvature.T) / 2 + 2 * jnp.linalg.norm(curvature) * absent
+        along, off, further = jnp.linalg.eigh(curvature)[1][:, 0]
+        # The step, made orthogonal to where it leads, is the third direction.
+        size = jnp.hypot(off, further)
+        safe = jnp.where(size > 0, size, 1.0)
+        new = along * vector + off * ahead + further * last
+        step = (along * (off * ahead + further * last) / safe - size * vector) * (size > 0)
+        return new, step
+
+    first = unit(images(solve(start)))
+    return jax.lax.fori_loop(0, _LOBPCG_STEPS, improve, (first, jnp.zeros_like(first)))[0][0]

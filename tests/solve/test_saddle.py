@@ -4,6 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scipy.linalg
 
 import shellkit as sk
 from shellkit._solve.saddle import away_from_saddle
@@ -29,9 +30,21 @@ def test_the_way_off_a_saddle_is_soft_and_downhill():
     turn = np.linalg.qr(random.normal(size=(40, 40)))[0]
     convex = turn @ np.diag(np.r_[0.1, np.linspace(1, 50, 39)]) @ turn.T
     inverse, gradient = jnp.asarray(np.linalg.inv(convex)), jnp.asarray(turn[:, 0] + turn[:, 30])
-    found = np.asarray(away_from_saddle(lambda v: inverse @ v, gradient, jnp.asarray(0.25)))
+    found = np.asarray(away_from_saddle(lambda v: convex @ v, lambda v: inverse @ v, gradient, jnp.asarray(0.25)))
     softest = -turn[:, 0] / np.max(np.abs(turn[:, 0]))
     np.testing.assert_allclose(found, 0.25 * softest, atol=1e-6)
+
+
+def test_at_the_saddle_it_is_the_lowest_of_the_dense_problem():
+    random = np.random.default_rng(0)
+    turn = np.linalg.qr(random.normal(size=(40, 40)))[0]
+    # The softest directions of the convex matrix are stable ones of the Hessian.
+    hessian = turn @ np.diag(np.r_[-2.0, -0.5, np.full(8, 1e-3), np.linspace(1, 50, 30)]) @ turn.T
+    convex = hessian + turn @ np.diag(np.r_[5.0, 4.0, np.zeros(38)]) @ turn.T
+    inverse, gradient = jnp.asarray(np.linalg.inv(convex)), jnp.asarray(1e-12 * turn[:, 0])
+    found = np.asarray(away_from_saddle(lambda v: hessian @ v, lambda v: inverse @ v, gradient, jnp.asarray(1.0)))
+    lowest = scipy.linalg.eigh(hessian, convex)[0][0]
+    assert np.isclose((found @ hessian @ found) / (found @ convex @ found), lowest, rtol=1e-3)
 
 
 @pytest.mark.slow
@@ -42,9 +55,11 @@ def test_neighbouring_problems_stay_on_one_branch():
         thickness=0.05,
         energy=sk.NeoHookean.from_young(1.0, 0.3) + sk.Bending.from_young(1.0, 0.3) + 2.0 * Springs(jnp.asarray(3.0)),
     )
+    radii = []
     for stiffness in (3.0, 3.0001):
         found = eqx.tree_at(lambda p: p.energy.terms[2].term.stiffness, problem, jnp.asarray(stiffness))()
         assert found.converged
         assert found.stable
-        radii = jnp.linalg.norm(found.vertices - found.vertices.mean(axis=0), axis=1)
-        assert radii.min() > 1.08
+        radii.append(float(jnp.linalg.norm(found.vertices - found.vertices.mean(axis=0), axis=1).mean()))
+    assert 1.09 < radii[0] < 1.1
+    assert abs(radii[1] - radii[0]) < 1e-6
