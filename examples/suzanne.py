@@ -52,7 +52,7 @@ def adam(steps: int) -> optax.GradientTransformation:
 
 
 class Stage(NamedTuple):
-    """A part of a fit; where it may not rise, the loss falls with every step."""
+    """A part of a fit, and by what part of itself the loss may rise in a step of it; Levenberg's falls without it."""
 
     optimiser: optax.GradientTransformation | optx.LevenbergMarquardt
     steps: int

@@ -56,7 +56,7 @@ class NewtonState(eqx.Module):
     factor: Factor | BorderedFactor
     held: Int[Array, " k"] | None  # the coordinates that were held in the factor
     factorisations: Int[Array, ""]
-    leaving: Bool[Array, ""]  # a saddle was reached: the next step follows negative curvature
+    leaving: Bool[Array, ""]  # a saddle was reached: the next step leads off it
     mixed: Mixed | None
     done: Bool[Array, ""]
     stuck: Bool[Array, ""]
@@ -74,7 +74,7 @@ class SparseNewton(optx.AbstractMinimiser):
     Each step factorises the Hessian with a shift that is raised until the inertia of the factor shows no negative
     eigenvalue and falls to zero near a minimum; takes the longest feasible step that lowers the energy; and, once
     close, adds quasi-Newton corrections with the same factor, each a fraction of the price of a step. A saddle is left
-    along a direction of negative curvature. Where the step of a convex model has to be cut short, as the energy of a
+    along its softest direction, or its lowest. Where the step of a convex model has to be cut short, as the energy of a
     thin shell is a narrow curved valley, steps with the strains as unknowns of their own follow it to its end, or are
     dropped. Motions that cost nothing are held and projected out.
 

@@ -14,11 +14,12 @@ _BALANCE = 1e-6  # forces below this part of what the softest step would raise a
 def away_from_saddle(
     product: Callable[[Array], Array], solve: Callable[[Array], Array], gradient: Float[Array, " n"], length: Scalar
 ) -> Float[Array, " n"]:
-    """A step off a saddle, not uphill: along the softest direction of the convex model, by inverse iteration with its
-    factor; or, if that is stable and forces balance, along the lowest direction of the Hessian.
+    """A step off a saddle: along the softest direction of the convex model, by inverse iteration with its factor; or,
+    if that is stable and forces balance, along the lowest direction of the Hessian.
 
     Not before they balance: what is most unstable while a shell has still to grow is often stable where it grows to,
-    and leads into crumpled states.
+    and leads into crumpled states. Until then it goes downhill; where they balance a slope is rounding, and the same
+    way is taken whatever it is, so that problems that differ a little stay on one branch.
 
     **Arguments:**
 
@@ -31,10 +32,11 @@ def away_from_saddle(
     refine = lambda _, v: (lambda w: w / jnp.max(jnp.abs(w)))(solve(v))
     softest = length * jax.lax.fori_loop(0, _INVERSE_ITERATIONS, refine, start)
     curvature = softest @ product(softest)
-    balanced = jnp.linalg.norm(gradient) * jnp.linalg.norm(softest) < _BALANCE * curvature
-    vector = jax.lax.cond(balanced, lambda: _lowest(product, solve, start), lambda: softest)
+    balanced = jnp.linalg.norm(gradient) * jnp.linalg.norm(softest) < _BALANCE * jnp.abs(curvature)
+    lowest = balanced & (curvature > 0)
+    vector = jax.lax.cond(lowest, lambda: _lowest(product, solve, start), lambda: softest)
     vector = length / jnp.max(jnp.abs(vector)) * vector
-    return jnp.where(gradient @ vector > 0, -vector, vector)
+    return jnp.where(~balanced & (gradient @ vector > 0), -vector, vector)
 
 
 def _lowest(
@@ -62,7 +64,8 @@ def _lowest(
         # An absent direction, of length zero, must not be the lowest.
         absent = jnp.diag(1 - jnp.array([1.0, 1.0, inner(last, last)]))
         curvature = (curvature + curvature.T) / 2 + 2 * jnp.linalg.norm(curvature) * absent
-        along, off, further = jnp.linalg.eigh(curvature)[1][:, 0]
+        lowest = jnp.linalg.eigh(curvature)[1][:, 0]
+        along, off, further = jnp.where(lowest[0] < 0, -lowest, lowest)  # which has either sign
         # The step, made orthogonal to where it leads, is the third direction.
         size = jnp.hypot(off, further)
         safe = jnp.where(size > 0, size, 1.0)

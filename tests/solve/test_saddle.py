@@ -41,10 +41,12 @@ def test_at_the_saddle_it_is_the_lowest_of_the_dense_problem():
     # The softest directions of the convex matrix are stable ones of the Hessian.
     hessian = turn @ np.diag(np.r_[-2.0, -0.5, np.full(8, 1e-3), np.linspace(1, 50, 30)]) @ turn.T
     convex = hessian + turn @ np.diag(np.r_[5.0, 4.0, np.zeros(38)]) @ turn.T
-    inverse, gradient = jnp.asarray(np.linalg.inv(convex)), jnp.asarray(1e-12 * turn[:, 0])
-    found = np.asarray(away_from_saddle(lambda v: hessian @ v, lambda v: inverse @ v, gradient, jnp.asarray(1.0)))
+    inverse, rounding = jnp.asarray(np.linalg.inv(convex)), jnp.asarray(1e-12 * turn[:, 0])
+    step = lambda gradient: away_from_saddle(lambda v: hessian @ v, lambda v: inverse @ v, gradient, jnp.asarray(1.0))
+    found = np.asarray(step(rounding))
     lowest = scipy.linalg.eigh(hessian, convex)[0][0]
     assert np.isclose((found @ hessian @ found) / (found @ convex @ found), lowest, rtol=1e-3)
+    np.testing.assert_array_equal(step(-rounding), found)
 
 
 @pytest.mark.slow
