@@ -9,17 +9,19 @@ from jaxtyping import Array, Float, Scalar
 
 _INVERSE_ITERATIONS, _LOBPCG_STEPS = 8, 16
 _BALANCE = 1e-6  # forces below this part of what the softest step would raise are those of a saddle
+_SLOPE = 1e-3  # along a direction of negative curvature, a slope below this part of it is rounding
 
 
 def away_from_saddle(
     product: Callable[[Array], Array], solve: Callable[[Array], Array], gradient: Float[Array, " n"], length: Scalar
 ) -> Float[Array, " n"]:
     """A step off a saddle: along the softest direction of the convex model, by inverse iteration with its factor; or,
-    if that is stable and forces balance, along the lowest direction of the Hessian.
+    where that is stable, along the lowest direction of the Hessian, if forces balance, or if the energy falls along it
+    by more than it would rise along the softest.
 
-    Not before they balance: what is most unstable while a shell has still to grow is often stable where it grows to,
-    and leads into crumpled states. Until then it goes downhill; where they balance a slope is rounding, and the same
-    way is taken whatever it is, so that problems that differ a little stay on one branch.
+    A shell buckles along its soft modes. What is unstable, but stiffer, while forces are out of balance is often stable
+    where they lead, and ends in crumpled states. The step goes downhill; where both ways do, it is always the same
+    one, so that problems that differ by little stay on one branch.
 
     **Arguments:**
 
@@ -28,15 +30,19 @@ def away_from_saddle(
     - `gradient`: where the step begins.
     - `length`: the largest entry of the step.
     """
+    scaled = lambda v: length / jnp.max(jnp.abs(v)) * v
     start = jax.random.normal(jax.random.key(0), gradient.shape, gradient.dtype)
-    refine = lambda _, v: (lambda w: w / jnp.max(jnp.abs(w)))(solve(v))
-    softest = length * jax.lax.fori_loop(0, _INVERSE_ITERATIONS, refine, start)
-    curvature = softest @ product(softest)
-    balanced = jnp.linalg.norm(gradient) * jnp.linalg.norm(softest) < _BALANCE * jnp.abs(curvature)
-    lowest = balanced & (curvature > 0)
-    vector = jax.lax.cond(lowest, lambda: _lowest(product, solve, start), lambda: softest)
-    vector = length / jnp.max(jnp.abs(vector)) * vector
-    return jnp.where(~balanced & (gradient @ vector > 0), -vector, vector)
+    softest = jax.lax.fori_loop(0, _INVERSE_ITERATIONS, lambda _, v: scaled(solve(v)), start)
+    rise = softest @ product(softest)
+
+    def choose():
+        lowest = scaled(_lowest(product, solve, start))
+        balanced = jnp.linalg.norm(gradient) * jnp.linalg.norm(softest) < _BALANCE * rise
+        return jnp.where(balanced | (lowest @ product(lowest) < -rise), lowest, softest)
+
+    step = jax.lax.cond(rise > 0, choose, lambda: softest)
+    uphill = gradient @ step > _SLOPE * jnp.maximum(-(step @ product(step)), 0.0)
+    return jnp.where(uphill, -step, step)
 
 
 def _lowest(

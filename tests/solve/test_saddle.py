@@ -4,7 +4,6 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
-import scipy.linalg
 
 import shellkit as sk
 from shellkit._solve.saddle import away_from_saddle
@@ -35,18 +34,31 @@ def test_the_way_off_a_saddle_is_soft_and_downhill():
     np.testing.assert_allclose(found, 0.25 * softest, atol=1e-6)
 
 
-def test_at_the_saddle_it_is_the_lowest_of_the_dense_problem():
-    random = np.random.default_rng(0)
-    turn = np.linalg.qr(random.normal(size=(40, 40)))[0]
-    # The softest directions of the convex matrix are stable ones of the Hessian.
-    hessian = turn @ np.diag(np.r_[-2.0, -0.5, np.full(8, 1e-3), np.linspace(1, 50, 30)]) @ turn.T
-    convex = hessian + turn @ np.diag(np.r_[5.0, 4.0, np.zeros(38)]) @ turn.T
-    inverse, rounding = jnp.asarray(np.linalg.inv(convex)), jnp.asarray(1e-12 * turn[:, 0])
-    step = lambda gradient: away_from_saddle(lambda v: hessian @ v, lambda v: inverse @ v, gradient, jnp.asarray(1.0))
-    found = np.asarray(step(rounding))
-    lowest = scipy.linalg.eigh(hessian, convex)[0][0]
-    assert np.isclose((found @ hessian @ found) / (found @ convex @ found), lowest, rtol=1e-3)
-    np.testing.assert_array_equal(step(-rounding), found)
+def chosen(lowest, softest, gradient):
+    """The step of a Hessian with these two eigenvalues below all others, a convex model with 3 for the first of them,
+    and its curvature in proportion to the model's."""
+    turn = np.linalg.qr(np.random.default_rng(0).normal(size=(40, 40)))[0]
+    hessian = turn @ np.diag(np.r_[lowest, np.full(9, softest), np.linspace(5, 50, 30)]) @ turn.T
+    convex = hessian + turn @ np.diag(np.r_[3.0 - lowest, np.zeros(39)]) @ turn.T
+    inverse = jnp.asarray(np.linalg.inv(convex))
+    slope = jnp.asarray(gradient * turn[:, 0])
+    step = np.asarray(away_from_saddle(lambda v: hessian @ v, lambda v: inverse @ v, slope, jnp.asarray(1.0)))
+    return step, (step @ hessian @ step) / (step @ convex @ step)
+
+
+def test_it_is_the_lowest_direction_where_the_energy_falls_most():
+    for gradient in (1e-12, 0.1):
+        curvature = chosen(-2.0, 1e-3, gradient)[1]
+        assert np.isclose(curvature, -2 / 3, rtol=1e-3)
+    downhill, uphill = (chosen(-2.0, 1e-3, gradient)[0] for gradient in (-0.1, 0.1))
+    np.testing.assert_allclose(downhill, -uphill, rtol=1e-9)
+    # A slope of rounding does not decide where to.
+    np.testing.assert_array_equal(*(chosen(-2.0, 1e-3, gradient)[0] for gradient in (-1e-12, 1e-12)))
+
+
+def test_a_weak_instability_is_followed_only_once_forces_balance():
+    assert np.isclose(chosen(-0.5, 2.0, 0.1)[1], 1.0, rtol=1e-2)
+    assert np.isclose(chosen(-0.5, 2.0, 1e-12)[1], -0.5 / 3, rtol=1e-3)
 
 
 @pytest.mark.slow
