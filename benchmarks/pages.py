@@ -8,7 +8,6 @@ from collections.abc import Callable
 
 from . import report
 from .case import ROOT, Row
-from .machine import describe
 
 
 _SCENES = {
@@ -37,8 +36,9 @@ def design_steps() -> str:
         lines.append([scene, _time(ours), _force(ours), *theirs, _force(cg)])
     done = [row for label, row in rows.items() if " random " in label and not report.missing(row)]
     loads = [row["load"] for row in done]
+    machines = dict.fromkeys(row["machine"]["cpu"] for row in done)
     conditions = (
-        f"*{describe()['cpu']}, {max(row['threads'] for row in done)} threads; "
+        f"*{', '.join(machines)}, {max(row['threads'] for row in done)} threads; "
         f"{max(row['date'][:10] for row in done)}; "
         f"load of the machine {min(loads)}–{max(loads)}; medians, without compilation. "
         "–: not measured. Too large: needs more memory than there was.*"

@@ -20,8 +20,8 @@ from .pattern import SymmetricPattern
 class Factor(eqx.Module):
     """A factorised matrix, by reference: what names the factor in the library that holds it, and the matrix itself.
 
-    Arrays only, so it can be carried through `jax.lax.while_loop`. The matrix comes along because the library may drop
-    or overwrite a factor; it is then made anew from here, never used wrongly.
+    Arrays only, so it can be carried through `jax.lax.while_loop`. The matrix, as the solver has scaled it, comes along
+    because the library may drop or overwrite a factor; it is then made anew from here, never used wrongly.
     """
 
     pattern: SymmetricPattern
@@ -113,6 +113,16 @@ def guarded(pattern: SymmetricPattern, values: Float[Array, "nnz"]) -> tuple[Flo
     are."""
     finite = jnp.all(jnp.isfinite(values))
     return identity_unless(finite, pattern, values), finite
+
+
+def balanced(pattern: SymmetricPattern, values: Float[Array, "nnz"]) -> tuple[Float[Array, "nnz"], Float[Array, "n"]]:
+    """The values with rows and columns scaled so that the diagonal is of ones, and those scales.
+
+    Bending is 1e-10 of stretching in a thin shell: its pivots would be taken for rounding.
+    """
+    size = jnp.abs(values[pattern.diagonal])
+    scale = jnp.where(size > 0, jax.lax.rsqrt(jnp.where(size > 0, size, 1.0)), 1.0)
+    return values * scale[pattern.rows] * scale[pattern.indices], scale
 
 
 def identity_unless(

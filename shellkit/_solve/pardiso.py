@@ -18,7 +18,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._papers import SCHENK_2004
-from .direct import AbstractDirectSolver, Factor, check_rhs, guarded, require_float64
+from .direct import AbstractDirectSolver, Factor, balanced, check_rhs, guarded, require_float64
 from .operator import SparseSymmetric, symmetric_product
 from .pattern import SymmetricPattern
 
@@ -73,18 +73,21 @@ class Pardiso(AbstractDirectSolver):
         pattern = operator.pattern
         values, finite = guarded(pattern, jax.lax.stop_gradient(operator.values))
         key = _key(pattern, self.options)
-        solution, iparm = _factorise(self.options)(key, pattern, values, jax.lax.stop_gradient(rhs))
+        values, scale = balanced(pattern, values)
+        solution, iparm = _factorise(self.options)(key, pattern, values, scale * jax.lax.stop_gradient(rhs))
         # The key depends on what the library returned, so that no solve is scheduled before the factorisation.
         key = key + (iparm[0] < 0).astype(key.dtype)
         negative = jnp.where(finite, iparm[_NEGATIVE], -1)
         solvable = jnp.all(jnp.isfinite(solution)) | ~jnp.all(jnp.isfinite(rhs))
-        return Factor(pattern, values, key, negative, finite & solvable & (iparm[_PERTURBED] == 0)), solution
+        ok = finite & solvable & (iparm[_PERTURBED] == 0)
+        return Factor(pattern, values, (key, scale), negative, ok), scale * solution
 
     def solve(self, factor: Factor, rhs: Float[Array, "*k n"], checked: bool = True) -> Float[Array, "*k n"]:
         check_rhs(factor, rhs)
         stacked = jnp.atleast_2d(jax.lax.stop_gradient(rhs))
         solve = _solve(self.options, checked)
-        return solve(factor.token, factor.pattern, factor.values, stacked).reshape(rhs.shape)
+        key, scale = factor.token
+        return scale * solve(key, factor.pattern, factor.values, scale * stacked).reshape(rhs.shape)
 
 
 _THREAD_VARIABLES = ("MKL_NUM_THREADS", "MKL_DOMAIN_NUM_THREADS", "OMP_NUM_THREADS")

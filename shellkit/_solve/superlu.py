@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._papers import DEMMEL_1999
-from .direct import AbstractDirectSolver, Factor, check_rhs, guarded, require_float64
+from .direct import AbstractDirectSolver, Factor, balanced, check_rhs, guarded, require_float64
 from .operator import SparseSymmetric
 
 
@@ -36,6 +36,7 @@ class SuperLU(AbstractDirectSolver):
         require_float64("SuperLU", operator.values)
         pattern = operator.pattern
         values, finite = guarded(pattern, jax.lax.stop_gradient(operator.values))
+        values, scale = balanced(pattern, values)
         token, negative, ok = jax.pure_callback(
             _factorise,
             (
@@ -49,7 +50,7 @@ class SuperLU(AbstractDirectSolver):
             values,
             vmap_method="sequential",
         )
-        return Factor(pattern, values, token, jnp.where(finite, negative, -1), finite & ok)
+        return Factor(pattern, values, (token, scale), jnp.where(finite, negative, -1), finite & ok)
 
     def factorise_and_solve(
         self, operator: SparseSymmetric, rhs: Float[Array, "n"]
@@ -60,15 +61,16 @@ class SuperLU(AbstractDirectSolver):
     def solve(self, factor: Factor, rhs: Float[Array, "*k n"], checked: bool = True) -> Float[Array, "*k n"]:
         check_rhs(factor, rhs)
         pattern = factor.pattern
-        return jax.pure_callback(
+        token, scale = factor.token
+        return scale * jax.pure_callback(
             _solve,
             jax.ShapeDtypeStruct(rhs.shape, rhs.dtype),
-            factor.token,
+            token,
             pattern.fingerprint,
             pattern.indptr,
             pattern.indices,
             factor.values,
-            jax.lax.stop_gradient(rhs),
+            scale * jax.lax.stop_gradient(rhs),
             vmap_method="sequential",
         )
 

@@ -328,6 +328,20 @@ def test_superlu_orders_a_pattern_once_and_keeps_few_factors(monkeypatch):
 
 
 @every_solver
+def test_soft_and_stiff_unknowns_together(solver):
+    """Sixteen orders of magnitude between them, as between stretching and bending of a sheet of h = 1e-8, cost no
+    digits."""
+    operator, right = system(seed=3)
+    scale = jnp.logspace(0, -8, 40)
+    pattern = operator.pattern
+    scaled = SparseSymmetric(pattern, operator.values * scale[pattern.rows] * scale[pattern.indices])
+    factor = solver.factorise(scaled)
+    assert bool(factor.ok) and int(factor.negative) == 0
+    found = scale * solver.solve(factor, scale * right)
+    np.testing.assert_allclose(found, dense_solution(operator, right), rtol=0, atol=1e-13)
+
+
+@every_solver
 def test_single_precision_is_refused(solver):
     operator, _ = system()
     single = SparseSymmetric(operator.pattern, operator.values.astype(jnp.float32))
