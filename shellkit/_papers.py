@@ -246,6 +246,14 @@ STEIGMANN_1990 = """@article{steigmann1990tension,
     year = {1990},
 }"""
 
+TERAN_2005 = """@inproceedings{teran2005robust,
+    author = {Teran, Joseph and Sifakis, Eftychios and Irving, Geoffrey and Fedkiw, Ronald},
+    title = {Robust quasistatic finite elements and flesh simulation},
+    booktitle = {Proceedings of the 2005 ACM SIGGRAPH/Eurographics Symposium on Computer Animation},
+    pages = {181--190},
+    year = {2005},
+}"""
+
 TIMOSHENKO_1925 = """@article{timoshenko1925analysis,
     author = {Timoshenko, Stephen},
     title = {Analysis of bi-metal thermostats},

@@ -18,7 +18,7 @@ from .._solve.pattern import SymmetricPattern
 from .._supports.base import Supports
 from .base import AbstractEnergy, EnergyTerm, FormEnergy
 from .constraints import Constraint
-from .convexity import Blocks, FaceHessians
+from .convexity import Blocks, FaceHessians, negative_part
 from .frames import Frames
 
 
@@ -189,14 +189,23 @@ class Assembly(eqx.Module):
     ) -> SparseSymmetric:
         """Add up the Hessians of elements over the free unknowns, `None` for those of a linear term."""
         values = self._blank() if faces is None else self._of_faces(faces.geometric, faces.stiffness())
+        return self._operator(self._with_elements(values, elements))
+
+    def lift(
+        self, faces: FaceHessians | None, elements: tuple[Float[Array, "_ _ 3 _ 3"] | None, ...]
+    ) -> SparseSymmetric:
+        """What to add to the matrix of these Hessians so that no element has negative curvature in it."""
+        values = self._blank() if faces is None else self._of_faces(-faces.geometric, faces.lift())
+        lifts = tuple(None if hessian is None else negative_part(hessian) for hessian in elements)
+        return self._operator(self._with_elements(values, lifts))
+
+    def _with_elements(
+        self, values: Float[Array, " nnz"], elements: tuple[Float[Array, "_ _ 3 _ 3"] | None, ...]
+    ) -> Float[Array, " nnz"]:
         for entries, hessian in zip(self.element_entries, elements, strict=True):
             if entries is not None and hessian is not None:
                 values = values.at[entries].add(hessian, mode="drop")
-        return self._operator(values)
-
-    def lift(self, faces: FaceHessians) -> SparseSymmetric:
-        """What to add to the Hessian so that faces have no negative curvature in it."""
-        return self._operator(self._of_faces(-faces.geometric, faces.lift()))
+        return values
 
     def _of_faces(self, geometric: Float[Array, "6 3 3 F"], blocks: Blocks) -> Float[Array, " nnz"]:
         # The half below the diagonal is left out before it is added: adding is what takes the time.

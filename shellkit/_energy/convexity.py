@@ -86,3 +86,16 @@ def convexifying_diagonal(hessian: Float[Array, "k k F"]) -> Float[Array, "k F"]
             for m in range(j, k):
                 rest[j, m] = rest[j, m] - rest[i, j] * rest[i, m] / pivot
     return jnp.stack(added)
+
+
+def negative_part(hessians: Float[Array, "N k 3 k 3"]) -> Float[Array, "N k 3 k 3"]:
+    """What makes symmetric matrices positive semidefinite when it is added, and leaves their positive part alone.
+
+    ??? cite "Source"
+        J. Teran, E. Sifakis, G. Irving and R. Fedkiw, "Robust quasistatic finite elements and flesh simulation", Proc.
+        ACM SIGGRAPH/Eurographics Symposium on Computer Animation (2005), 181–190, section 6.
+    """
+    n, k = hessians.shape[:2]
+    eigenvalues, vectors = jnp.linalg.eigh(hessians.reshape(n, 3 * k, 3 * k))
+    below = jnp.maximum(-eigenvalues, 0.0)
+    return jnp.einsum("nai,ni,nbi->nab", vectors, below, vectors).reshape(hessians.shape)

@@ -105,11 +105,11 @@ class DiscreteEnergy(eqx.Module):
 
     def derivatives(
         self, y: Float[Array, " n"]
-    ) -> tuple[Scalar, Float[Array, " n"], SparseSymmetric | Bordered, "Convexification | None"]:
+    ) -> tuple[Scalar, Float[Array, " n"], SparseSymmetric | Bordered, "Convexification"]:
         """The energy, its gradient and its Hessian in the free unknowns, which share most of the work.
 
         The Hessian is a [`Bordered`][] matrix where quantities of the whole shell are held. Last comes what makes it
-        convex; only terms on faces have it.
+        convex.
         """
         on_faces = None if self.faces is None else self.faces.derivatives(*self.state(y))[:3]
         return self._added_up(y, on_faces)
@@ -122,7 +122,7 @@ class DiscreteEnergy(eqx.Module):
 
     def derivatives_apart(
         self, y: Float[Array, " n"], apart: FaceState, at_state: Bool[Array, ""]
-    ) -> tuple[Scalar, Float[Array, " n"], SparseSymmetric | Bordered, "Convexification | None", "FacesAhead"]:
+    ) -> tuple[Scalar, Float[Array, " n"], SparseSymmetric | Bordered, "Convexification", "FacesAhead"]:
         """What `derivatives` returns, of the energy with the numbers of faces as unknowns of their own, reduced to `y`;
         and last where a step takes the faces.
 
@@ -139,22 +139,21 @@ class DiscreteEnergy(eqx.Module):
 
     def _added_up(
         self, y: Float[Array, " n"], on_faces: tuple[Scalar, Float[Array, "m F"], FaceHessians] | None
-    ) -> tuple[Scalar, Float[Array, " n"], SparseSymmetric | Bordered, "Convexification | None"]:
+    ) -> tuple[Scalar, Float[Array, " n"], SparseSymmetric | Bordered, "Convexification"]:
         """The derivatives of all terms from those of the faces."""
         vertices, directors = self.state(y)
         total, pulled, second = (jnp.zeros(()), None, None) if on_faces is None else on_faces
         total, gradient = self._with_elements(total, pulled, vertices, directors)
-        convexification = None if second is None else Convexification(self.assembly, second)
         on_elements = [elements.hessian(vertices) for elements in self.elements]
         held = self.quantities
-        if held is None:
-            hessian = self.assembly.matrix(second, tuple(on_elements))
-            return total, self.assembly.restrict(gradient), hessian, convexification
-        forces = held.forces(held.gaps(vertices))
-        curvatures = [measure.hessian(vertices) for measure in held.measures]
-        on_elements += [None if c is None else f * c for f, c in zip(forces, curvatures, strict=True)]
-        sparse = self.assembly.matrix(second, tuple(on_elements))
-        hessian = Bordered(sparse, self.rows(y), 1 / held.penalties, eliminated=True)
+        if held is not None:
+            forces = held.forces(held.gaps(vertices))
+            curvatures = [measure.hessian(vertices) for measure in held.measures]
+            on_elements += [None if c is None else f * c for f, c in zip(forces, curvatures, strict=True)]
+        hessian = self.assembly.matrix(second, tuple(on_elements))
+        convexification = Convexification(self.assembly, second, tuple(on_elements))
+        if held is not None:
+            hessian = Bordered(hessian, self.rows(y), 1 / held.penalties, eliminated=True)
         return total, self.assembly.restrict(gradient), hessian, convexification
 
     def rows(self, y: Float[Array, " n"]) -> Float[Array, "m n"]:
@@ -216,16 +215,18 @@ class DiscreteEnergy(eqx.Module):
 
 class Convexification(eqx.Module):
     """What to add to a Hessian so that it is positive semidefinite: stress times the second derivatives of lengths and
-    hinge angles is taken away, and the energies of faces are made convex in these numbers.
+    hinge angles is taken away, the energies of faces are made convex in these numbers, and those of other elements in
+    the positions of their vertices.
 
     Worked out when it is called, as most Hessians need none.
     """
 
     assembly: Assembly
-    faces: FaceHessians
+    faces: FaceHessians | None
+    elements: tuple[Float[Array, "_ _ 3 _ 3"] | None, ...]
 
     def __call__(self) -> SparseSymmetric:
-        return self.assembly.lift(self.faces)
+        return self.assembly.lift(self.faces, self.elements)
 
 
 class FacesAhead(eqx.Module):

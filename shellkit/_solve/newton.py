@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int, PyTree, Scalar
 
-from .._papers import GILL_1981, MAGISANO_2017, NOCEDAL_2006
+from .._papers import GILL_1981, MAGISANO_2017, NOCEDAL_2006, TERAN_2005
 from .bordered import Bordered, BorderedFactor
 from .choose import default_direct_solver
 from .direct import AbstractSparseSolver, Factor
@@ -99,13 +99,15 @@ class SparseNewton(optx.AbstractMinimiser):
         The shift by inertia is Algorithm 3.3 of J. Nocedal and S. Wright, "Numerical Optimization", 2nd edition (2006),
         with a factorisation that reports the inertia (section 3.4); the corrections are those of its Algorithm 7.4
         (L-BFGS), begun from the factor. What makes the Hessian of a shell convex is a modified Cholesky factorisation
-        of P. Gill, W. Murray and M. Wright, "Practical Optimization" (1981), section 4.4.2.2, face by face. The steps
-        in narrow valleys follow D. Magisano, L. Leonetti and G. Garcea, "How to improve efficiency and robustness of
-        the Newton method in geometrically non-linear structural problem discretized via displacement-based finite
-        elements", Comput. Methods Appl. Mech. Eng. 313 (2017) 986–1005.
+        of P. Gill, W. Murray and M. Wright, "Practical Optimization" (1981), section 4.4.2.2, face by face; elements of
+        other energies keep the positive part of theirs, as in J. Teran, E. Sifakis, G. Irving and R. Fedkiw, "Robust
+        quasistatic finite elements and flesh simulation", Proc. ACM SIGGRAPH/Eurographics Symposium on Computer
+        Animation (2005), 181–190. The steps in narrow valleys follow D. Magisano, L. Leonetti and G. Garcea, "How to
+        improve efficiency and robustness of the Newton method in geometrically non-linear structural problem
+        discretized via displacement-based finite elements", Comput. Methods Appl. Mech. Eng. 313 (2017) 986–1005.
     """
 
-    papers: ClassVar[tuple[str, ...]] = (NOCEDAL_2006, GILL_1981, MAGISANO_2017)
+    papers: ClassVar[tuple[str, ...]] = (NOCEDAL_2006, GILL_1981, TERAN_2005, MAGISANO_2017)
     rtol: float
     max_steps: int = eqx.field(static=True)
     linear_solver: AbstractSparseSolver

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import shellkit as sk
-from shellkit._energy.convexity import convexifying_diagonal
+from shellkit._energy.convexity import convexifying_diagonal, negative_part
 
 
 @pytest.mark.parametrize("k", [3, 6])
@@ -50,3 +50,14 @@ def test_a_crushed_shell_has_a_convex_model(directors):
     assert after[0] > -1e-12 * after[-1]
     # Only the rigid motions are left without stiffness.
     assert np.count_nonzero(after < 1e-10 * after[-1]) == 6
+
+
+def test_elements_keep_the_positive_part():
+    """Of a bar, the part across it goes where it is compressed, and none where it is not; motions stay free."""
+    along = np.array([0.6, 0.0, 0.8])
+    ends = np.kron([[1, -1], [-1, 1]], np.eye(3))
+    axial = np.kron([[1, -1], [-1, 1]], np.outer(along, along))
+    bar = lambda stiffness, force: stiffness * axial + force * (ends - axial)
+    hessians = np.stack([bar(2.0, 0.5), bar(2.0, -0.5), bar(-2.0, -0.5)]).reshape(3, 2, 3, 2, 3)
+    positive = (hessians + negative_part(jnp.asarray(hessians))).reshape(3, 6, 6)
+    np.testing.assert_allclose(positive, [bar(2.0, 0.5), bar(2.0, 0.0), bar(0.0, 0.0)], atol=1e-14)

@@ -3,7 +3,6 @@
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-import pytest
 
 import shellkit as sk
 from shellkit._solve.saddle import away_from_saddle
@@ -61,19 +60,22 @@ def test_a_weak_instability_is_followed_only_once_forces_balance():
     assert np.isclose(chosen(-0.5, 2.0, 1e-12)[1], -0.5 / 3, rtol=1e-3)
 
 
-@pytest.mark.slow
-def test_neighbouring_problems_stay_on_one_branch():
-    """Springs under compression make the sphere at rest unstable; grown by nearly a tenth it is not, and round."""
+def test_compressed_springs_grow_a_sphere_at_once():
+    """At rest it is unstable, as they are compressed; grown it is not, and round. What springs have of negative
+    curvature is taken away from each: nothing is led astray on the way, whatever rounding says."""
     problem = sk.InverseProblem(
         mesh=sk.meshes.icosphere(subdivisions=2),
         thickness=0.05,
         energy=sk.NeoHookean.from_young(1.0, 0.3) + sk.Bending.from_young(1.0, 0.3) + 2.0 * Springs(jnp.asarray(3.0)),
     )
-    radii = []
-    for stiffness in (3.0, 3.0001):
+    mean = []
+    for stiffness in (3.0, 3.00000001, 3.0001):
         found = eqx.tree_at(lambda p: p.energy.terms[2].term.stiffness, problem, jnp.asarray(stiffness))()
         assert found.converged
         assert found.stable
-        radii.append(float(jnp.linalg.norm(found.vertices - found.vertices.mean(axis=0), axis=1).mean()))
-    assert 1.09 < radii[0] < 1.1
-    assert abs(radii[1] - radii[0]) < 1e-6
+        assert found.steps < 8
+        radii = jnp.linalg.norm(found.vertices - found.vertices.mean(axis=0), axis=1)
+        assert jnp.ptp(radii) < 0.02
+        mean.append(float(radii.mean()))
+    assert 1.09 < mean[0] < 1.1
+    np.testing.assert_allclose(mean, mean[0], atol=1e-6)
