@@ -42,7 +42,7 @@ def test_papers_of_the_parts_in_use():
     text = shell.citation()
     assert set(keys(text)) == {
         *("bradbury2018jax", "kidger2021equinox", "rader2024optimistix", "nocedal2006numerical", "gill1981practical"),
-        "magisano2017improve",
+        *("teran2005robust", "magisano2017improve"),
         *("chen2018physical", "weischedel2012discrete", "aharoni2014geometry", "vanrees2017growth"),
         *("grinspun2003discrete", "kabsch1976solution", "demmel1999supernodal"),
     }
