@@ -110,8 +110,7 @@ def test_dihedral_bending_of_one_hinge():
 
 
 def test_a_sum_over_many_faces_loses_no_digits():
-    """Of 80,000 of all sizes, in closed form. Added one after the other, they would lose nearly two
-    digits."""
+    """Of 80,000 of all sizes, in closed form. Added one after the other, they would lose nearly two digits."""
     sheet = sk.meshes.rectangle(1.0, 1.0, cells=(200, 200), diagonals="jittered", seed=0)
     elastic = problem(sk.StVenantKirchhoff(alpha=1.0, beta=0.5), sheet)
     found = float(elastic.total_energy(sheet.vertices * jnp.array([1.1, 1.0, 1.0])))
