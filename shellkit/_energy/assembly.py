@@ -166,13 +166,21 @@ class Assembly(eqx.Module):
         """All unknowns: the free ones as given, the others from `held`."""
         return free if self.free is None else held.at[self.free].set(free)
 
+    def on_faces(self, step: Float[Array, " n"]) -> Float[Array, "m F"]:
+        """What a step of the free unknowns is in the unknowns of each face; zero for those that a face lacks."""
+        step = self.extend(step, jnp.zeros(self.size, step.dtype))
+        if self.frames is not None:
+            vertices = self.frames.out_of(step[: 3 * self.n_vertices].reshape(-1, 3))
+            step = step.at[: 3 * self.n_vertices].set(vertices.reshape(-1))
+        return step.at[self.face_unknowns].get(mode="fill", fill_value=0.0, wrap_negative_indices=False)
+
     def vector(
         self, faces: Float[Array, "m F"] | None, elements: tuple[Float[Array, "_ _ 3"] | None, ...]
     ) -> Float[Array, " N"]:
         """Add up the gradients of elements, over all unknowns; `None` for those of a term that is left out."""
         total = jnp.zeros(self.size)
         if faces is not None:
-            total = total.at[self.face_unknowns].add(faces, mode="drop")
+            total = total.at[self.face_unknowns].add(faces, mode="drop", wrap_negative_indices=False)
         if elements:
             forces = jnp.zeros((self.n_vertices, 3))
             for stencil, gradient in zip(self.stencils, elements, strict=True):
@@ -204,13 +212,14 @@ class Assembly(eqx.Module):
     ) -> Float[Array, " nnz"]:
         for entries, hessian in zip(self.element_entries, elements, strict=True):
             if entries is not None and hessian is not None:
-                values = values.at[entries].add(hessian, mode="drop")
+                values = values.at[entries].add(hessian, mode="drop", wrap_negative_indices=False)
         return values
 
     def _of_faces(self, geometric: Float[Array, "6 3 3 F"], blocks: Blocks) -> Float[Array, " nnz"]:
         # The half below the diagonal is left out before it is added: adding is what takes the time.
         numbers = jnp.concatenate([block.reshape(-1) for block in (geometric, *blocks) if block is not None])
-        return self._blank().at[self.face_entries].add(numbers[self.face_numbers])
+        added = numbers.at[self.face_numbers].get(mode="promise_in_bounds", wrap_negative_indices=False)
+        return self._blank().at[self.face_entries].add(added, wrap_negative_indices=False)
 
     def _blank(self) -> Float[Array, " nnz"]:
         return jnp.zeros(self.pattern.nnz if self.frames is None else self.frames.n_entries)

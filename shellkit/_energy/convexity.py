@@ -7,6 +7,7 @@ import operator
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 
@@ -31,26 +32,44 @@ class FaceHessians(eqx.Module):
     intrinsic: Float[Array, "k k F"]
     geometric: Float[Array, "6 3 3 F"]
 
+    def pull_back(self, stress: Float[Array, "k F"]) -> Float[Array, "m F"]:
+        """First derivatives in the unknowns of each face, corners, far vertices and directors, from those in the
+        numbers."""
+        among_corners = _total([stress[a] * self.corners[a] for a in range(len(stress))])
+        if self.hinges is None:
+            return among_corners
+        own = stress[3:, None] * self.hinges
+        far = own[:, :3].reshape(9, -1)
+        return jnp.concatenate([among_corners, far, own[:, 3:].reshape(-1, far.shape[1])])
+
+    def along(self, motions: Float[Array, "m F"]) -> Float[Array, "k F"]:
+        """The change of the numbers with the unknowns of each face: what `pull_back` is the transpose of."""
+        change = jnp.sum(self.corners * motions[:9], axis=1)
+        if self.hinges is None:
+            return change
+        own = jnp.concatenate([motions[9:18].reshape(3, 3, -1), motions[18:].reshape(3, -1, motions.shape[1])], axis=1)
+        return change.at[3:].add(jnp.sum(self.hinges * own, axis=1))
+
     def stiffness(self) -> Blocks:
         """The first part, in the unknowns."""
-        return self._in_unknowns(self.intrinsic)
+        # Sums are spelled out over the numbers, and stay elementwise over faces; as products of small matrices they
+        # took twice as long.
+        carried = _total([self.intrinsic[:, b, None] * self.corners[b] for b in range(len(self.intrinsic))])
+        return self._in_unknowns(carried, self.intrinsic[3:, 3:])
 
     def lift(self) -> Blocks:
         """What, added to the first part, makes it positive definite but for motions that change none of the numbers."""
         diagonal = convexifying_diagonal(self.intrinsic)
-        return self._in_unknowns(jnp.eye(len(diagonal))[:, :, None] * diagonal)
+        return self._in_unknowns(diagonal[:, None] * self.corners, jnp.eye(3)[:, :, None] * diagonal[3:])
 
-    def _in_unknowns(self, matrix: Float[Array, "k k F"]) -> Blocks:
-        numbers = range(len(matrix))
-        # Sums are spelled out over the numbers, and stay elementwise over faces; as products of small matrices they
-        # took twice as long.
-        carried = jnp.stack([_total([matrix[a, b] * self.corners[b] for b in numbers]) for a in numbers])
+    def _in_unknowns(self, carried: Float[Array, "k 9 F"], among_hinges: Float[Array, "h h F"]) -> Blocks:
+        """A matrix in the numbers, by its product with their derivatives and its part between half angles."""
         # Kept in memory, or XLA computes it again for each row.
         carried = jax.lax.optimization_barrier(carried)
-        among_corners = _total([self.corners[a][:, None] * carried[a] for a in numbers])
+        among_corners = _total([self.corners[a][:, None] * carried[a] for a in range(len(carried))])
         if self.hinges is None:
             return among_corners, None, None
-        among_hinges = self.hinges[:, :, None, None] * matrix[3:, None, 3:, None] * self.hinges
+        among_hinges = self.hinges[:, :, None, None] * among_hinges[:, None, :, None] * self.hinges
         return among_corners, self.hinges[:, :, None] * carried[3:, None], among_hinges
 
 
@@ -68,24 +87,23 @@ def convexifying_diagonal(hessian: Float[Array, "k k F"]) -> Float[Array, "k F"]
         section 4.4.2.2, with pivots that keep their absolute value.
     """
     k = hessian.shape[0]
-    scales = []
-    for block in (slice(0, 3), slice(3, k)):
-        largest = jnp.max(jnp.abs(hessian[block, block]), axis=(0, 1), initial=0.0)
-        scales += [jnp.sqrt(jnp.where(largest > 0, largest, 1.0))] * len(range(*block.indices(k)))
-    # Unrolled over the small axes: each entry is an array over all faces.
-    rest = {(i, j): hessian[i, j] / (scales[i] * scales[j]) for i in range(k) for j in range(i, k)}
+    largest = [jnp.max(jnp.abs(hessian[block, block]), axis=(0, 1), initial=0.0) for block in _blocks(k)]
+    scales = jnp.stack([jnp.sqrt(jnp.where(size > 0, size, 1.0)) for size in largest])[np.arange(k) // 3]
+    # Rows are taken one after the other, each an array over all faces.
+    rest = hessian / (scales[:, None] * scales)
     added = []
     for i in range(k):
-        below = [jnp.abs(rest[i, j]) for j in range(i + 1, k)]
         pivot = jnp.maximum(jnp.abs(rest[i, i]), _SMALLEST_PIVOT)
-        if below:
+        if i + 1 < k:
             # No entry of the factor then exceeds the root of the largest entry of the matrix.
-            pivot = jnp.maximum(pivot, jnp.max(jnp.stack(below), axis=0) ** 2)
-        added.append((pivot - rest[i, i]) * scales[i] ** 2)
-        for j in range(i + 1, k):
-            for m in range(j, k):
-                rest[j, m] = rest[j, m] - rest[i, j] * rest[i, m] / pivot
-    return jnp.stack(added)
+            pivot = jnp.maximum(pivot, jnp.max(jnp.abs(rest[i, i + 1 :]), axis=0) ** 2)
+        added.append(pivot - rest[i, i])
+        rest = rest - rest[i][:, None] * (rest[i] / pivot)
+    return jnp.stack(added) * scales**2
+
+
+def _blocks(k: int) -> list[slice]:
+    return [slice(start, start + 3) for start in range(0, k, 3)]
 
 
 def negative_part(hessians: Float[Array, "N k 3 k 3"]) -> Float[Array, "N k 3 k 3"]:

@@ -133,8 +133,8 @@ class DiscreteEnergy(eqx.Module):
         - `at_state`: if not, they are taken where `y` has them, and all is as in `derivatives`.
         """
         assert self.faces is not None
-        value, pulled, second, stress = self.faces.derivatives(*self.state(y), apart, at_state)
-        ahead = FacesAhead(self, y, stress, second.intrinsic)
+        value, pulled, second, stress, numbers = self.faces.derivatives(*self.state(y), apart, at_state)
+        ahead = FacesAhead(self.assembly, numbers, stress, second)
         return *self._added_up(y, (value, pulled, second)), ahead
 
     def _added_up(
@@ -232,16 +232,14 @@ class Convexification(eqx.Module):
 class FacesAhead(eqx.Module):
     """Where a step takes the numbers of the faces and their stress, to first order."""
 
-    energy: DiscreteEnergy
-    y: Float[Array, " n"]
+    assembly: Assembly
+    numbers: Float[Array, "k F"]
     stress: Float[Array, "k F"]
-    intrinsic: Float[Array, "k k F"]
+    second: FaceHessians
 
     def __call__(self, step: Float[Array, " n"]) -> FaceState:
-        faces = self.energy.faces
-        assert faces is not None
-        numbers, change = jax.jvp(lambda y: faces.numbers(*self.energy.state(y)), (self.y,), (step,))
-        return FaceState(numbers + change, self.stress + jnp.sum(self.intrinsic * change, axis=1))
+        change = self.second.along(self.assembly.on_faces(step))
+        return FaceState(self.numbers + change, self.stress + jnp.sum(self.second.intrinsic * change, axis=1))
 
 
 def _director_moments(terms: list[tuple[Array | None, EnergyTerm]], mesh: Mesh) -> Float[Array, " E"] | None:

@@ -1,18 +1,23 @@
 """Energy, gradient and Hessian of all terms of a sum that are functions of the fundamental forms of a face.
 
 Each face has up to six intrinsic numbers, its squared edge lengths and half hinge angles. The terms are
-differentiated in those by automatic differentiation, elementwise over all faces; the chain rule to positions is written
-by hand.
+differentiated by automatic differentiation, elementwise over all faces; the chain rule to these numbers, and from there
+to positions, is written by hand.
 """
-
-from collections.abc import Callable
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, PyTree, Scalar
 
-from .._geometry.forms import CurvatureForm, curvature_from_angles, director_signs, metric_from_lengths
+from .._geometry.forms import (
+    BEND_SLOPES,
+    Components,
+    CurvatureForm,
+    curvature_from_bends,
+    director_signs,
+    metric_from_lengths,
+)
 from .._geometry.patches import (
     SIGN,
     Continuation,
@@ -26,6 +31,7 @@ from .._geometry.patches import (
 from .._mesh.mesh import Mesh
 from .base import FormEnergy
 from .convexity import FaceHessians
+from .intrinsic import Bends, first_derivatives, second_derivatives
 
 
 class FaceState(eqx.Module):
@@ -49,49 +55,88 @@ class FaceEnergies(eqx.Module):
     form: CurvatureForm | None = eqx.field(static=True)
     director_length: Scalar | None
 
-    def _density(self, squared_lengths: Float[Array, "3 F"], half_angles: Float[Array, "3 F"] | None):
-        metric = metric_from_lengths(squared_lengths)
-        curvature = None
-        if half_angles is not None and self.form is not None:
-            # Heron's formula, sixteen times: the area as a function of the lengths, for the derivatives.
-            twice_area = jnp.sqrt(metric[0] * metric[2] - metric[1] ** 2)
-            curvature = curvature_from_angles(squared_lengths, twice_area, half_angles, self.form)
-        total = jnp.zeros_like(squared_lengths[0])
-        for weight, term, data in self.terms:
-            density = term.density(metric, None if term.form is None else curvature, data)
-            total = total + (density if weight is None else weight * density)
-        return total
-
-    def _intrinsic(self, vertices, directors):
+    def _intrinsic(self, vertices, directors) -> tuple[Triangles, Hinges | None, Float[Array, "k F"]]:
         triangles = Triangles(vertices, self.mesh)
         if self.form is None:
-            return triangles, None, tuple(triangles.squared_lengths)
+            return triangles, None, triangles.squared_lengths
         hinges = Hinges(vertices, self.mesh, triangles, self.continuation)
         half = hinges.near_part(hinges.angles)
         if self.director_length is not None:
             half = half + director_signs(self.mesh) * directors[self.mesh.face_edges.T]
-        return triangles, hinges, (*triangles.squared_lengths, *half)
+        return triangles, hinges, jnp.concatenate([triangles.squared_lengths, half])
 
-    def _of_numbers(self, *numbers: Float[Array, " F"]) -> Float[Array, " F"]:
-        return self._density(jnp.stack(numbers[:3]), jnp.stack(numbers[3:]) if len(numbers) > 3 else None)
+    def _total(self, bending: bool, metric: Components, curvature: Components | None) -> Float[Array, " F"]:
+        """The sum of the terms that bend, or of those that do not."""
+        total = jnp.zeros_like(metric[0])
+        for weight, term, data in self.terms:
+            if (term.form is not None) == bending:
+                density = term.density(metric, curvature, data)
+                total = total + (density if weight is None else weight * density)
+        return total
 
-    def _value_and_stress(self, *numbers: Float[Array, " F"]) -> tuple[Float[Array, " F"], ...]:
+    def _flat(self, *lengths: Float[Array, " F"]) -> Float[Array, " F"]:
+        """The terms that depend on the metric alone, as a function of three squared lengths."""
+        return self._total(False, metric_from_lengths(lengths), None)
+
+    def _bent(self, *numbers: Float[Array, " F"]) -> Float[Array, " F"]:
+        """The terms that bend, as a function of three squared lengths and three bends."""
+        return self._total(True, metric_from_lengths(numbers[:3]), curvature_from_bends(numbers[3:]))
+
+    @property
+    def _stretches(self) -> bool:
+        return any(term.form is None for _, term, _ in self.terms)
+
+    def _value(self, numbers: Float[Array, "k F"]) -> Float[Array, " F"]:
+        """The energy of each face as a function of its intrinsic numbers."""
+        value = self._flat(*numbers[:3]) if self._stretches else jnp.zeros_like(numbers[0])
+        if self.form is None:
+            return value
+        return value + self._bent(*numbers[:3], *Bends(numbers[:3], numbers[3:], self.form).values)
+
+    def _value_and_stress(self, numbers: Float[Array, "k F"]) -> tuple[Float[Array, " F"], Float[Array, "k F"]]:
         """The energy of each face and its derivatives in the face's own intrinsic numbers."""
-        value, pull_back = jax.vjp(self._of_numbers, *numbers)
-        return value, *pull_back(jnp.ones_like(value))
+        value, on_lengths = jnp.zeros_like(numbers[0]), jnp.zeros_like(numbers[:3])
+        if self._stretches:
+            value, on_lengths = first_derivatives(self._flat, numbers[:3])
+        if self.form is None:
+            return value, on_lengths
+        bends = Bends(numbers[:3], numbers[3:], self.form)
+        bent, pull = first_derivatives(self._bent, jnp.concatenate([numbers[:3], bends.values]))
+        return value + bent, jnp.concatenate(bends.stress(on_lengths + pull[:3], pull[3:]))
+
+    def _second_derivatives(
+        self, numbers: Float[Array, "k F"]
+    ) -> tuple[Float[Array, " F"], Float[Array, "k F"], Float[Array, "k k F"]]:
+        """What `_value_and_stress` gives, and the second derivatives in the intrinsic numbers."""
+        value, on_lengths, stretching = jnp.zeros_like(numbers[0]), jnp.zeros_like(numbers[:3]), None
+        if self._stretches:
+            value, on_lengths = first_derivatives(self._flat, numbers[:3])
+            stretching = second_derivatives(self._flat, numbers[:3])
+        if self.form is None:
+            assert stretching is not None  # there are no terms but these
+            return value, on_lengths, stretching
+        bends = Bends(numbers[:3], numbers[3:], self.form)
+        at = jnp.concatenate([numbers[:3], bends.values])
+        bent, pull = first_derivatives(self._bent, at)
+        hessian = second_derivatives(self._bent, at)
+        if stretching is not None:
+            hessian = hessian + jnp.pad(stretching, ((0, 3), (0, 3), (0, 0)))
+        stress = jnp.concatenate(bends.stress(on_lengths + pull[:3], pull[3:]))
+        turns = BEND_SLOPES[self.form](numbers[3:])[1]
+        return value + bent, stress, bends.second(pull[3:], hessian, turns)
 
     def energy(self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None) -> Scalar:
         """The sum over all faces."""
-        return jnp.sum(self._of_numbers(*self._intrinsic(vertices, directors)[2]))
+        return jnp.sum(self._value(self._intrinsic(vertices, directors)[2]))
 
     def value_and_gradient(
         self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None
     ) -> tuple[Scalar, Float[Array, "m F"]]:
         """The sum over all faces, and its derivatives in the m unknowns of each face, in the order of `unknowns`."""
         triangles, hinges, numbers = self._intrinsic(vertices, directors)
-        value, *stress = self._value_and_stress(*numbers)
+        value, stress = self._value_and_stress(numbers)
         # Kept in memory, or XLA computes them again for every component.
-        triangles, hinges, stress = jax.lax.optimization_barrier((triangles, hinges, jnp.stack(stress)))
+        triangles, hinges, stress = jax.lax.optimization_barrier((triangles, hinges, stress))
         gradients = None if hinges is None else HingeGradients(triangles, hinges)
         return jnp.sum(value), self._pull_back(triangles, hinges, gradients, stress)
 
@@ -118,14 +163,14 @@ class FaceEnergies(eqx.Module):
         if hinges is None or hinges.listed is None:
             return None
         # The half angle to a held normal is all of the angle, which grows as the arm turns about the face's edge.
-        stress = jnp.stack(self._value_and_stress(*numbers)[4:])
+        stress = self._value_and_stress(numbers)[1][3:]
         along = triangles.edges / jnp.sqrt(triangles.squared_lengths)[:, None]
         turns = jnp.where(hinges.listed, stress, 0.0)[:, None] * along
         return jnp.zeros((self.mesh.n_edges, 3)).at[self.mesh.face_edges.T].add(jnp.moveaxis(turns, 1, 2))
 
     def numbers(self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None) -> Float[Array, "k F"]:
         """The intrinsic numbers of all faces."""
-        return jnp.stack(self._intrinsic(vertices, directors)[2])
+        return self._intrinsic(vertices, directors)[2]
 
     def derivatives(
         self,
@@ -133,54 +178,40 @@ class FaceEnergies(eqx.Module):
         directors: Float[Array, " E"] | None,
         apart: FaceState | None = None,
         at_state: Bool[Array, ""] | bool = False,
-    ) -> tuple[Scalar, Float[Array, "m F"], FaceHessians, Float[Array, "k F"]]:
-        """The sum over all faces, its gradient as in `value_and_gradient`, its second derivatives, and the derivatives
-        in the intrinsic numbers.
+    ) -> tuple[Scalar, Float[Array, "m F"], FaceHessians, Float[Array, "k F"], Float[Array, "k F"]]:
+        """The sum over all faces, its gradient as in `value_and_gradient`, its second derivatives, the derivatives in
+        the intrinsic numbers, and these.
 
         With `at_state`, the material is looked at where the state `apart` has it, to first order, and the geometric
         part has the stress of that state.
         """
         triangles, hinges, numbers = self._intrinsic(vertices, directors)
         if apart is None:
-            value, stress, intrinsic = _second_derivatives(self._value_and_stress, numbers)
+            value, stress, intrinsic = self._second_derivatives(numbers)
             standing = stress
         else:
-            there = [jnp.where(at_state, far, here) for far, here in zip(apart.numbers, numbers, strict=True)]
-            value, stress, intrinsic = _second_derivatives(self._value_and_stress, tuple(there))
+            there = jnp.where(at_state, apart.numbers, numbers)
+            value, stress, intrinsic = self._second_derivatives(there)
             standing = jnp.where(at_state, apart.stress, stress)
-            stress = stress + jnp.sum(intrinsic * (jnp.stack(numbers) - jnp.stack(there)), axis=1)
+            stress = stress + jnp.sum(intrinsic * (numbers - there), axis=1)
         # What several of the sums below use is kept in memory, or XLA computes it again for each.
         kept = (triangles, hinges, stress, standing, intrinsic)
         triangles, hinges, stress, standing, intrinsic = jax.lax.optimization_barrier(kept)
-        corners = [jnp.concatenate([2.0 * SIGN[i, p] * triangles.edges[i] for p in range(3)]) for i in range(3)]
-        geometric = length_curvature(standing[:3])
-        gradients = own = None
+        corners = (2.0 * SIGN[:, :, None, None] * triangles.edges[:, None]).reshape(3, 9, -1)
+        geometric, own = length_curvature(standing[:3]), None
         if hinges is not None:
-            gradients = HingeGradients(triangles, hinges)
-            on_corners, on_far = gradients.rows()
+            on_corners, on_far = HingeGradients(triangles, hinges).rows()
             share = hinges.near_part(jnp.ones_like(hinges.angles))
-            corners += [share[i] * jnp.concatenate(on_corners[i]) for i in range(3)]
-            own = [0.5 * on_far[i] for i in range(3)]
+            corners = jnp.concatenate([corners, share[:, None] * on_corners])
+            own = 0.5 * on_far
             if self.director_length is not None:
                 signs = director_signs(self.mesh) / self.director_length
-                own = [jnp.concatenate([own[i], signs[i][None]]) for i in range(3)]
-            own = jnp.stack(own)
+                own = jnp.concatenate([own, signs[:, None]], axis=1)
             hinge_stress = hinges.near_part(standing[3:])
-            beyond = hinge_stress.T.reshape(-1)[jnp.maximum(self.mesh.twins.T, 0)]
+            twins = jnp.maximum(self.mesh.twins.T, 0)
+            beyond = hinge_stress.T.reshape(-1).at[twins].get(mode="promise_in_bounds", wrap_negative_indices=False)
             hinge_stress = hinges.hinged * hinge_stress + hinges.beyond * beyond
             geometric = geometric + hinge_curvature(triangles, hinge_stress)
-        pulled = self._pull_back(triangles, hinges, gradients, stress)
-        return jnp.sum(value), pulled, FaceHessians(jnp.stack(corners), own, intrinsic, geometric), stress
-
-
-def _second_derivatives(
-    value_and_stress: Callable[..., tuple[Array, ...]], numbers: tuple[Array, ...]
-) -> tuple[Float[Array, " F"], Float[Array, "k F"], Float[Array, "k k F"]]:
-    """Value, first and second derivatives in the intrinsic numbers: one forward tangent each, the others symbolically
-    zero."""
-    columns = []
-    for i, number in enumerate(numbers):
-        along = lambda x, i=i: value_and_stress(*numbers[:i], x, *numbers[i + 1 :])
-        (value, *stress), (_, *column) = jax.jvp(along, (number,), (jnp.ones_like(number),))
-        columns.append(jnp.stack(column))
-    return value, jnp.stack(stress), jnp.stack(columns)
+        corners, own, geometric = jax.lax.optimization_barrier((corners, own, geometric))
+        second = FaceHessians(corners, own, intrinsic, geometric)
+        return jnp.sum(value), second.pull_back(stress), second, stress, numbers

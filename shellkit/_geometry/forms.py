@@ -20,9 +20,15 @@ Components: TypeAlias = tuple[Array, Array, Array]
 CurvatureForm: TypeAlias = Literal["sin", "tan", "theta"]
 
 BEND: dict[str, Callable[[Array], Array]] = {"sin": jnp.sin, "tan": jnp.tan, "theta": lambda half_angle: half_angle}
+BEND_SLOPES: dict[str, Callable[[Array], tuple[Array, Array]]] = {
+    "sin": lambda half_angle: (jnp.cos(half_angle), -jnp.sin(half_angle)),
+    "tan": lambda half_angle: (1 + jnp.tan(half_angle) ** 2, 2 * jnp.tan(half_angle) * (1 + jnp.tan(half_angle) ** 2)),
+    "theta": lambda half_angle: (jnp.ones_like(half_angle), jnp.zeros_like(half_angle)),
+}
+"""First and second derivatives of `BEND`."""
 
 
-def metric_from_lengths(squared_lengths: Float[Array, "3 F"]) -> Components:
+def metric_from_lengths(squared_lengths: Float[Array, "3 F"] | Components) -> Components:
     """The metric of every face from its squared edge lengths."""
     opposite_a, opposite_b, opposite_c = squared_lengths
     return opposite_c, 0.5 * (opposite_b + opposite_c - opposite_a), opposite_b
@@ -50,7 +56,12 @@ def curvature_from_angles(
     form: CurvatureForm,
 ) -> Components:
     """The curvature form of every face: edge i adds its height times the sine (tangent, angle) of its half angle."""
-    sa, sb, sc = 2.0 * twice_area / jnp.sqrt(squared_lengths) * BEND[form](half_angles)
+    return curvature_from_bends(2.0 * twice_area / jnp.sqrt(squared_lengths) * BEND[form](half_angles))
+
+
+def curvature_from_bends(bends: Float[Array, "3 F"] | tuple[Array, Array, Array]) -> Components:
+    """The curvature form of every face from what each of its edges adds to it."""
+    sa, sb, sc = bends
     return sa + sb, sa, sa + sc
 
 

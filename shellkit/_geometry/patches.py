@@ -132,26 +132,22 @@ class HingeGradients(eqx.Module):
         # The weights of a gradient sum to zero, so the tail takes what the others leave.
         return near + far - head, head, -near, -far
 
-    def rows(self) -> tuple[list[list[Float[Array, "3 F"]]], list[Float[Array, "3 F"]]]:
-        """The gradient of hinge angle i at corner p, [i][p], and at its own far vertex, [i]."""
-        near_weights, far_weights = _weights(self.near_feet), _weights(self.far_feet)
-        corners = [
-            [
-                -near_weights[i][p] * self.near[i] - (0.0 if p == i else far_weights[i][p] * self.far[i])
-                for p in range(3)
-            ]
-            for i in range(3)
-        ]
-        return corners, [-self.far[i] for i in range(3)]
+    def rows(self) -> tuple[Float[Array, "3 9 F"], Float[Array, "3 3 F"]]:
+        """The gradient of each hinge angle in the coordinates of the three corners, and of its own far vertex."""
+        # The far face of hinge i moves with its two ends, not with corner i.
+        far = _OFF[:, :, None] * _weights(self.far_feet)
+        corners = -_weights(self.near_feet)[:, :, None] * self.near[:, None] - far[:, :, None] * self.far[:, None]
+        return corners.reshape(3, 9, -1), -self.far
 
 
-def _weights(feet: Float[Array, "3 F"]) -> list[list[Float[Array, " F"]]]:
-    """Weights [i][p] of the corners in the motion of corner i against the foot of its height."""
-    table = [[jnp.ones_like(feet[0])] * 3 for _ in range(3)]
-    for i in range(3):
-        table[i][(i + 1) % 3] = feet[i] - 1.0
-        table[i][(i + 2) % 3] = -feet[i]
-    return table
+_OFF = 1.0 - np.eye(3)
+
+
+def _weights(feet: Float[Array, "3 F"]) -> Float[Array, "3 3 F"]:
+    """Weights [i, p] of the corners in the motion of corner i against the foot of its height."""
+    one = jnp.ones_like(feet[0])
+    rows = [[one, feet[0] - 1.0, -feet[0]], [-feet[1], one, feet[1] - 1.0], [feet[2] - 1.0, -feet[2], one]]
+    return jnp.stack([jnp.stack(row) for row in rows])
 
 
 def at_corners(tails: Float[Array, "3 3 F"], heads: Float[Array, "3 3 F"]) -> list[Float[Array, "3 F"]]:
@@ -161,11 +157,9 @@ def at_corners(tails: Float[Array, "3 3 F"], heads: Float[Array, "3 3 F"]) -> li
 
 def length_curvature(stress: Float[Array, "3 F"]) -> Float[Array, "6 3 3 F"]:
     """Sum of `stress[i]` times the second derivative of squared length i, as blocks over `CORNER_PAIRS`."""
-    factors = [
-        sum(2.0 * SIGN[i, p] * SIGN[i, q] * stress[i] for i in range(3) if SIGN[i, p] * SIGN[i, q] != 0)
-        for p, q in CORNER_PAIRS
-    ]
-    return jnp.stack(factors)[:, None, None] * jnp.eye(3)[:, :, None]
+    shares = np.array([[2.0 * SIGN[i, p] * SIGN[i, q] for i in range(3)] for p, q in CORNER_PAIRS])[:, :, None]
+    factors = shares[:, 0] * stress[0] + shares[:, 1] * stress[1] + shares[:, 2] * stress[2]
+    return factors[:, None, None] * jnp.eye(3)[:, :, None]
 
 
 def hinge_curvature(triangles: Triangles, stress: Float[Array, "3 F"]) -> Float[Array, "6 3 3 F"]:
@@ -187,22 +181,13 @@ def hinge_curvature(triangles: Triangles, stress: Float[Array, "3 F"]) -> Float[
     by_length = (0.5 * inverse_length**2 * stress)[:, None] * inward
     mixed = (inverse_height * inverse_length * stress)[:, None] * along
 
-    against_normal = jnp.stack(
-        [
-            sum(
-                SIGN[i, q] * (SIGN[i, p] * by_length[i] + weight[i][p] * mixed[i])
-                + weight[i][p] * weight[i][q] * by_height[i]
-                for i in range(3)
-            )
-            for p in range(3)
-            for q in range(3)
-        ]
+    against_normal = sum(
+        SIGN[i][None, :, None, None]
+        * (SIGN[i][:, None, None, None] * by_length[i] + weight[i][:, None, None] * mixed[i])
+        + (weight[i][:, None] * weight[i])[:, :, None] * by_height[i]
+        for i in range(3)
     )
     # Kept in memory, or XLA computes it again for every block.
     against_normal, normal = jax.lax.optimization_barrier((against_normal, normal))
-    return jnp.stack(
-        [
-            against_normal[3 * p + q][:, None] * normal + normal[:, None] * against_normal[3 * q + p]
-            for p, q in CORNER_PAIRS
-        ]
-    )
+    above, below = (jnp.stack([against_normal[pair[::step]] for pair in CORNER_PAIRS]) for step in (1, -1))
+    return above[:, :, None] * normal + normal[:, None] * below[:, None]

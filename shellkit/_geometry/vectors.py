@@ -21,6 +21,6 @@ def cross(a: Float[Array, "*#m 3 n"], b: Float[Array, "*#m 3 n"]) -> Float[Array
 
 
 def gather(points: Float[Array, "V 3"], index: Int[Array, "n k"]) -> Float[Array, "k 3 n"]:
-    """The points of every element, index-last."""
-    components = points.T
-    return jnp.stack([components[:, index[:, i]] for i in range(index.shape[1])])
+    """The points of every element, index-last. Indices must be those of points: none is looked at."""
+    flat = points.T.at[:, index.T.reshape(-1)].get(mode="promise_in_bounds", wrap_negative_indices=False)
+    return jnp.moveaxis(flat.reshape(3, index.shape[1], index.shape[0]), 1, 0)

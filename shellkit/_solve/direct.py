@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import lineax as lx
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
-from .operator import SparseSymmetric
+from .operator import SparseSymmetric, taken
 from .pattern import SymmetricPattern
 
 
@@ -120,9 +120,9 @@ def balanced(pattern: SymmetricPattern, values: Float[Array, "nnz"]) -> tuple[Fl
 
     Bending is 1e-10 of stretching in a thin shell: its pivots would be taken for rounding.
     """
-    size = jnp.abs(values[pattern.diagonal])
+    size = jnp.abs(taken(values, pattern.diagonal))
     scale = jnp.where(size > 0, jax.lax.rsqrt(jnp.where(size > 0, size, 1.0)), 1.0)
-    return values * scale[pattern.rows] * scale[pattern.indices], scale
+    return values * taken(scale, pattern.rows) * taken(scale, pattern.indices), scale
 
 
 def identity_unless(

@@ -18,11 +18,22 @@ _MAX_STEPS, _MAX_ATTEMPTS = 15, 3
 
 
 class Point(eqx.Module):
-    """A point with its energy and its gradient."""
+    """A point with its energy, its gradient, and the norm of that."""
 
     y: Float[Array, " n"]
     value: Scalar
     gradient: Float[Array, " n"]
+    norm: Scalar
+
+    @classmethod
+    def of(cls, y: Float[Array, " n"], value: Scalar, gradient: Float[Array, " n"]) -> "Point":
+        """A point, with its norm."""
+        return cls(y, value, gradient, jnp.linalg.norm(gradient))
+
+    @property
+    def finite(self) -> Bool[Array, ""]:
+        """Whether energy and gradient are finite; a norm that overflows is not."""
+        return jnp.isfinite(self.value) & jnp.isfinite(self.norm)
 
 
 class Apart(NamedTuple):
@@ -66,6 +77,7 @@ class Mixed(eqx.Module):
         self,
         point: Point,
         direction: Float[Array, " n"],
+        size: Scalar,
         moved: Point,
         length: Scalar,
         trusted: Bool[Array, ""],
@@ -77,15 +89,13 @@ class Mixed(eqx.Module):
 
         **Arguments:**
 
-        - `point`, `direction`: where the step was taken, and all of it.
+        - `point`, `direction`, `size`: where the step was taken, all of it, and its largest entry.
         - `moved`, `length`: where it came to, and the part of it that was taken.
         - `trusted`: whether its matrix is positive definite, without a shift, and the search is not over.
         - `unit`: the typical length.
         - `ahead`: where all of it takes the strains.
         """
-        size = jnp.max(jnp.abs(direction))
-        finite = jnp.isfinite(moved.value) & jnp.all(jnp.isfinite(moved.gradient))
-        sound = self.on & trusted & finite & (length == 1) & (size < _FARTHEST * unit) & (self.steps < _MAX_STEPS)
+        sound = self.on & trusted & moved.finite & (length == 1) & (size < _FARTHEST * unit) & (self.steps < _MAX_STEPS)
         arrived = sound & (size <= _ARRIVED * unit)
         going = sound & ~arrived
         vain = self.on & ~going & ~(arrived & (moved.value < self.origin.value))
@@ -98,7 +108,7 @@ class Mixed(eqx.Module):
             steps=jnp.where(going, self.steps + 1, 0),
             attempts=self.attempts + begins,
         )
-        after_all = Point(point.y + direction, moved.value, moved.gradient)
+        after_all = Point(point.y + direction, moved.value, moved.gradient, moved.norm)
         return mixed, choose(begins, after_all, choose(vain, self.origin, moved))
 
 

@@ -147,7 +147,8 @@ class SparseNewton(optx.AbstractMinimiser):
     def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> NewtonState:
         scene = self._scene(fn, args, options)
         # The first step evaluates where it stands, as every step does.
-        nowhere = Point(y, jnp.zeros((), y.dtype), jnp.zeros_like(y))
+        zero = jnp.zeros((), y.dtype)
+        nowhere = Point(y, zero, jnp.zeros_like(y), zero)
         solver: Any = self.linear_solver  # of sparse matrices, or of bordered ones
         blank = jax.tree.map(
             lambda struct: jnp.zeros(struct.shape, struct.dtype),
@@ -155,7 +156,10 @@ class SparseNewton(optx.AbstractMinimiser):
         )
         held = None if scene.motions is None else jnp.zeros(scene.motions(y).shape[1], int)
         no = jnp.array(False)
-        mixed = None if scene.apart is None else Mixed.off(scene.apart.begin(y), nowhere)
+        mixed = None
+        if scene.apart is not None:
+            strains = eqx.filter_eval_shape(scene.apart.begin, y)
+            mixed = Mixed.off(jax.tree.map(lambda struct: jnp.zeros(struct.shape, struct.dtype), strains), nowhere)
         return NewtonState(nowhere, jnp.zeros(()), blank, held, jnp.zeros((), jnp.int32), no, mixed, no, no)
 
     def step(self, fn, y, args, options, state: NewtonState, tags):
@@ -166,7 +170,7 @@ class SparseNewton(optx.AbstractMinimiser):
         else:
             free = mixed.on
             value, gradient, hessian, convexification, ahead = scene.apart.derivatives(y, mixed.strains, free)
-        point = Point(y, value, gradient)
+        point = Point.of(y, value, gradient)
         basis = None if scene.motions is None else orthonormal(scene.motions(y))
         held = None if basis is None else coordinates_to_hold(basis)
         factor, newton, shift, tries = self._factorise(
@@ -181,7 +185,7 @@ class SparseNewton(optx.AbstractMinimiser):
         )
         size = jnp.max(jnp.abs(direction))
         regular = (shift == 0) & _usable(factor) & ~state.leaving
-        moved, length, settled = _descend(scene, point, direction, solve, state.leaving, regular, free, self.rtol)
+        moved, length, settled = _descend(scene, point, direction, size, solve, state.leaving, regular, free, self.rtol)
 
         stalled = length == 0
         # A tiny step that even the gradient rejects is made of rounding.
@@ -202,7 +206,9 @@ class SparseNewton(optx.AbstractMinimiser):
         stuck = stuck & ~settled & ~free
         if mixed is not None and ahead is not None:
             trusted = regular & ~settled & ~stuck
-            mixed, moved = mixed.after(point, direction, moved, length, trusted, scene.length, lambda: ahead(direction))
+            mixed, moved = mixed.after(
+                point, direction, size, moved, length, trusted, scene.length, lambda: ahead(direction)
+            )
             # Steps of this kind have no shift; those that follow begin without.
             shift = jnp.where(mixed.on | free, 0.0, shift)
         state = NewtonState(moved, shift, factor, held, state.factorisations + tries, leaving, mixed, settled, stuck)
@@ -296,6 +302,7 @@ class _Descent(eqx.Module):
 
     point: Point
     direction: Float[Array, " n"]
+    size: Scalar  # the largest entry of that
     length: Scalar
     tries: Int[Array, ""]
     searching: Bool[Array, ""]
@@ -308,6 +315,7 @@ def _descend(
     scene: _Scene,
     point: Point,
     direction: Float[Array, " n"],
+    size: Scalar,
     solve: Callable[[Array], Array],
     leaving: Bool[Array, ""],
     regular: Bool[Array, ""],
@@ -323,7 +331,6 @@ def _descend(
     correction was within tolerance.
     """
     slope = point.gradient @ direction
-    size = jnp.max(jnp.abs(direction))
     near = regular & ~free & (size < scene.length)
     # An energy close to zero is a sum of squares of differences: it has fewer digits than its size says.
     tiny = regular & (size < _FLOOR * scene.length)
@@ -331,9 +338,8 @@ def _descend(
 
     def attempt(now: _Descent) -> _Descent:
         y = now.point.y + jnp.where(now.searching, now.length, 1.0) * now.direction
-        trial = Point(y, *scene.value_and_gradient(y))
-        finite = jnp.all(jnp.isfinite(trial.gradient)) & jnp.isfinite(trial.value)
-        ratio = jnp.linalg.norm(trial.gradient) / jnp.linalg.norm(now.point.gradient)
+        trial = Point.of(y, *scene.value_and_gradient(y))
+        ratio = trial.norm / now.point.norm
 
         # Where the energy has no digits left to fall by, a smaller gradient decides; not so at a saddle.
         lower = trial.value <= point.value + _ARMIJO * now.length * slope
@@ -342,15 +348,15 @@ def _descend(
         further = now.length > 1
         found = scene.feasible(now.point.y, y) & jnp.where(leaving | further, downwards, lower | level)
         better = (trial.value <= now.point.value + noise) & (ratio < 1)
-        accepted = finite & (free | jnp.where(now.searching, found, better))
+        accepted = trial.finite & (free | jnp.where(now.searching, found, better))
 
-        size, target = jnp.max(jnp.abs(now.direction)), rtol * scene.length
-        settled = ~now.searching & (size <= target)
-        left = jnp.log(size * ratio / target) / -jnp.log(ratio)
+        target = rtol * scene.length
+        settled = ~now.searching & (now.size <= target)
+        left = jnp.log(now.size * ratio / target) / -jnp.log(ratio)
         pays = jnp.where(now.searching, near & (now.length == 1), (ratio < _CONTRACTION) & (left < _PATIENCE))
         correcting = accepted & pays & ~settled & (now.searching | (now.tries < _MAX_CORRECTIONS))
         # Off a saddle steps double while it goes down; so do short ones where the model is stiffer than the energy.
-        short = now.length * jnp.max(jnp.abs(now.direction)) < 0.5 * scene.length
+        short = now.length * now.size < 0.5 * scene.length
         stiffer = ~regular & (further | (accepted & (now.length == 1) & short))
         away = jnp.where(leaving, accepted | (now.point.value < point.value), stiffer)
         retrying = now.searching & jnp.where(away, accepted, ~accepted) & (now.tries < _MAX_HALVINGS)
@@ -363,6 +369,7 @@ def _descend(
         return _Descent(
             point=jax.tree.map(lambda new, old: jnp.where(accepted, new, old), trial, now.point),
             direction=ahead,
+            size=jnp.max(jnp.abs(ahead)),
             length=jnp.where(retrying, next_length, jnp.where(now.searching & ~accepted & ~away, 0.0, now.length)),
             tries=jnp.where(correcting & now.searching, 0, now.tries + 1),
             searching=retrying,
@@ -373,7 +380,7 @@ def _descend(
 
     downhill = (slope <= 0) | leaving
     zero, yes, no = jnp.zeros((), int), jnp.array(True), jnp.array(False)
-    start = _Descent(point, direction, jnp.ones_like(slope), zero, yes, downhill, no, _Memory.blank(point.y))
+    start = _Descent(point, direction, size, jnp.ones_like(slope), zero, yes, downhill, no, _Memory.blank(point.y))
     end = jax.lax.while_loop(lambda now: now.going, attempt, start)
     return end.point, jnp.where(downhill, end.length, 0.0), end.settled
 
@@ -402,12 +409,15 @@ class _Memory(eqx.Module):
         memory = jax.tree.map(lambda new, old: jnp.where(first, old, new), shifted, self)
         curvatures = jnp.sum(memory.steps * memory.changes, axis=1)
         inverses = jnp.where(curvatures > 0, 1.0 / jnp.where(curvatures > 0, curvatures, 1.0), 0.0)
-        weights = jnp.zeros(_MEMORY)
-        rest = gradient
-        for k in reversed(range(_MEMORY)):
-            weights = weights.at[k].set(inverses[k] * (memory.steps[k] @ rest))
-            rest = rest - weights[k] * memory.changes[k]
-        ahead = solve(rest)
-        for k in range(_MEMORY):
-            ahead = ahead + (weights[k] - inverses[k] * (memory.changes[k] @ ahead)) * memory.steps[k]
-        return memory, -ahead
+
+        def back(i, carry):
+            rest, weights = carry
+            k = _MEMORY - 1 - i
+            weight = inverses[k] * (memory.steps[k] @ rest)
+            return rest - weight * memory.changes[k], weights.at[k].set(weight)
+
+        def forth(k, ahead):
+            return ahead + (weights[k] - inverses[k] * (memory.changes[k] @ ahead)) * memory.steps[k]
+
+        rest, weights = jax.lax.fori_loop(0, _MEMORY, back, (gradient, jnp.zeros(_MEMORY)))
+        return memory, -jax.lax.fori_loop(0, _MEMORY, forth, solve(rest))

@@ -1,6 +1,7 @@
 """A sparse symmetric matrix as a lineax operator: a fixed pattern and the values of its upper triangle."""
 
 import math
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -75,15 +76,16 @@ class SparseSymmetric(lx.AbstractLinearOperator):
 
     def shifted(self, shift: Float[Array, ""] | float) -> "SparseSymmetric":
         """This matrix plus `shift` times the identity."""
-        values = self.values.at[self.pattern.diagonal].add(shift, unique_indices=True, indices_are_sorted=True)
+        values = self.values.at[self.pattern.diagonal].add(shift, **_SORTED)
         return eqx.tree_at(lambda operator: operator.values, self, values)
 
     def holding(self, coordinates: Int[Array, " k"]) -> "SparseSymmetric":
         """This matrix with the rows and columns of some coordinates cleared, and a typical number on their diagonal."""
         pattern = self.pattern
-        keep = jnp.ones(pattern.n).at[coordinates].set(0.0)
-        values = self.values * keep[pattern.rows] * keep[pattern.indices]
-        values = values.at[pattern.diagonal[coordinates]].set(self.size_of_diagonal())
+        keep = jnp.ones(pattern.n).at[coordinates].set(0.0, wrap_negative_indices=False)
+        values = self.values * taken(keep, pattern.rows) * taken(keep, pattern.indices)
+        places = taken(pattern.diagonal, coordinates)
+        values = values.at[places].set(self.size_of_diagonal(), wrap_negative_indices=False)
         return eqx.tree_at(lambda operator: operator.values, self, values)
 
     def plus(self, values: Float[Array, "nnz"]) -> "SparseSymmetric":
@@ -92,7 +94,7 @@ class SparseSymmetric(lx.AbstractLinearOperator):
 
     def size_of_diagonal(self) -> Float[Array, ""]:
         """The mean size of the diagonal entries."""
-        return jnp.mean(jnp.abs(self.values[self.pattern.diagonal]))
+        return jnp.mean(jnp.abs(taken(self.values, self.pattern.diagonal)))
 
 
 def symmetric_product(
@@ -103,8 +105,18 @@ def symmetric_product(
     # loop over padded columns (0.19 against 0.11 ms at 642 vertices), which one long row would blow up.
     rows, columns = pattern.rows, pattern.indices
     below = jnp.where(rows == columns, 0, values)
-    upper = jnp.zeros_like(vector).at[rows].add(values * vector[columns], indices_are_sorted=True)
-    return upper.at[columns].add(below * vector[rows])
+    unwrapped = {"wrap_negative_indices": False}
+    upper = jnp.zeros_like(vector).at[rows].add(values * taken(vector, columns), indices_are_sorted=True, **unwrapped)
+    return upper.at[columns].add(below * taken(vector, rows), **unwrapped)
+
+
+# Indices of a pattern are those of its own matrix: none is looked at, which would be compiled for each use.
+_SORTED: dict[str, Any] = {"unique_indices": True, "indices_are_sorted": True, "wrap_negative_indices": False}
+
+
+def taken(values: Array, places: Int[Array, "*n"]) -> Array:
+    """The values at places that are known to be there."""
+    return values.at[places].get(mode="promise_in_bounds", wrap_negative_indices=False)
 
 
 @lx.linearise.register(SparseSymmetric)

@@ -78,7 +78,9 @@ class Pardiso(AbstractDirectSolver):
         # The key depends on what the library returned, so that no solve is scheduled before the factorisation.
         key = key + (iparm[0] < 0).astype(key.dtype)
         negative = jnp.where(finite, iparm[_NEGATIVE], -1)
-        solvable = jnp.all(jnp.isfinite(solution)) | ~jnp.all(jnp.isfinite(rhs))
+        # Sums are finite where all of their terms are.
+        solved, asked = jnp.isfinite(jnp.sum(jnp.stack([solution, rhs]), axis=1))
+        solvable = solved | ~asked
         ok = finite & solvable & (iparm[_PERTURBED] == 0)
         return Factor(pattern, values, (key, scale), negative, ok), scale * solution
 
