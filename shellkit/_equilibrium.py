@@ -1,6 +1,10 @@
 """What a relaxation returns: the shape, and everything about how it was found."""
 
+import dataclasses
+
 import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int, Scalar
 
@@ -24,6 +28,35 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]  # an E
         "No step lowers the energy, far from an equilibrium. Common causes: a face of nearly no area, an energy that "
         "is not finite or has no gradient there. Look at equilibrium.vertices, or relax along a path."
     )
+
+
+class Pose(eqx.Module):
+    """The parts of an equilibrium that have a derivative; see [`shellkit.Equilibrium`][]."""
+
+    vertices: Float[Array, "V 3"]
+    directors: Float[Array, " E"] | None = None
+    reactions: Float[Array, "V 3"] | None = None
+    moments: Float[Array, "E 3"] | None = None
+    multipliers: Float[Array, " m"] | None = None
+
+
+class Diagnostics(eqx.Module):
+    """How an equilibrium was found; see [`shellkit.Equilibrium`][]."""
+
+    energy: Scalar
+    gradient_norm: Scalar
+    steps: Int[Array, ""]
+    factorisations: Int[Array, ""]
+    converged: Bool[Array, ""]
+    stable: Bool[Array, ""]
+    result: RESULTS | optx.RESULTS
+    worst_hinge: Int[Array, ""] | None = None
+
+    @classmethod
+    def of_nothing(cls) -> "Diagnostics":
+        """Those of a shape to which nothing was done."""
+        zero, none, yes = (jnp.asarray(number) for number in (0.0, np.int32(0), True))
+        return cls(zero, zero, none, none, yes, yes, RESULTS.successful)
 
 
 class Equilibrium(eqx.Module):
@@ -67,3 +100,14 @@ class Equilibrium(eqx.Module):
     """How the relaxation ended; see [`shellkit.RESULTS`][]."""
     worst_hinge: Int[Array, ""] | None
     """The edge with the largest hinge angle; `None` where nothing bends."""
+
+    @classmethod
+    def of(cls, mesh: Mesh, rest: RestShape, pose: Pose, found: Diagnostics) -> "Equilibrium":
+        """An equilibrium from its parts: the surface at rest, the rest shape, what has a derivative, and the rest."""
+        parts = {field.name: getattr(part, field.name) for part in (pose, found) for field in dataclasses.fields(part)}
+        return cls(mesh=mesh, rest=rest, **parts)
+
+    @property
+    def diagnostics(self) -> Diagnostics:
+        """How it was found."""
+        return Diagnostics(**{field.name: getattr(self, field.name) for field in dataclasses.fields(Diagnostics)})

@@ -182,12 +182,13 @@ def padded(motions: Callable[[Array], Array] | None, m: int) -> _Padded | None:
 
 def differentiable_held(
     energy: DiscreteEnergy,
-    held: Held,
+    y: Float[Array, " n"],
+    multipliers: Float[Array, " m"],
     motions: Callable[[Array], Array] | None,
     linear_solver: AbstractSparseSolver,
 ) -> tuple[Float[Array, " n"], Float[Array, " m"]]:
     """Unknowns and multipliers of a relaxation, with their derivatives in all arrays of the energy."""
-    z = jnp.concatenate([held.y, held.multipliers])
-    m = len(held.multipliers)
+    z = jnp.concatenate([y, multipliers])
+    m = len(multipliers)
     z = differentiable_minimum(Stationary(energy), z, padded(motions, m), BorderedSolver(linear_solver))
-    return z[: len(held.y)], z[len(held.y) :]
+    return z[: len(y)], z[len(y) :]

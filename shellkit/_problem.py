@@ -1,6 +1,6 @@
 """The inverse problem: a surface, what actuates it, what deformation costs, and what shape is wanted."""
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -8,36 +8,79 @@ import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 from jax.core import Tracer
-from jaxtyping import Array, Float, Scalar
+from jaxtyping import Array, Bool, Float, Scalar
 
 from ._actuation import Actuation, Passive
 from ._align import Kabsch
 from ._citation import citation
 from ._energy import AbstractEnergy, Assembly, Constraint, DiscreteEnergy, FormEnergy, refuse_held_moments
-from ._equilibrium import RESULTS, Equilibrium
+from ._equilibrium import RESULTS, Diagnostics, Equilibrium, Pose
 from ._geometry.forms import CurvatureForm
 from ._geometry.patches import Hinges, Triangles
 from ._geometry.surface import edge_lengths
 from ._holding import Stationary, differentiable_held, padded
 from ._loss import Loss
 from ._mesh.mesh import Mesh
+from ._origin import Origin
 from ._papers import BRADBURY_2018, KIDGER_2021, RADER_2024
 from ._precision import require_x64
 from ._relaxation import End, minimised, minimised_held
 from ._rest import RestShape, checked_rest_lengths
-from ._solve.adjoint import differentiable_minimum
+from ._solve.adjoint import MANY, LastFactor, differentiable_minimum
 from ._solve.bordered import BorderedSolver
 from ._solve.choose import default_direct_solver
 from ._solve.direct import AbstractSparseSolver
 from ._solve.newton import SparseNewton
 from ._solve.operator import SparseSymmetric
+from ._solve.plain import PlainNewton
 from ._solve.response import responding_minimum
 from ._supports import Supports
-from ._symmetries import FreeMotions, free_motions
+from ._symmetries import FreeMotions, count_motions, free_motions
+from ._tracing import frozen, is_traced, with_parts
+from ._waiting import announce
 
 
 _STEPS_OF_FIRST_ORDER_METHODS = 10_000
 _FOLDED = 179.0  # degrees
+
+
+class Start(eqx.Module):
+    """Where a relaxation begins. Always of arrays: whatever it is, the program is the same."""
+
+    vertices: Float[Array, "V 3"]
+    directors: Float[Array, " E"] | None
+    multipliers: Float[Array, " m"] | None
+
+    @classmethod
+    def of(cls, mesh: Mesh, n_directors: int, n_constraints: int, equilibrium: Equilibrium | None) -> "Start":
+        """An equilibrium, or the surface at rest; what it lacks is zero."""
+        found = (mesh.vertices, None, None)
+        if equilibrium is not None:
+            found = (equilibrium.vertices, equilibrium.directors, equilibrium.multipliers)
+        zeros = lambda n: jnp.asarray(np.zeros(n))
+        return cls(
+            found[0],
+            None if n_directors == 0 else zeros(n_directors) if found[1] is None else found[1],
+            None if n_constraints == 0 else zeros(n_constraints) if found[2] is None else found[2],
+        )
+
+
+class Relaxed(eqx.Module):
+    """What a relaxation leaves, of which nothing is differentiated: the shape, its free unknowns, how it was found, and
+    for large problems the last factor, which is near that of the Hessian there."""
+
+    rest: RestShape
+    pose: Pose
+    found: Diagnostics
+    y: Float[Array, " n"]
+    stuck: Bool[Array, ""]
+    last: LastFactor | None
+
+    def after(self, earlier: Diagnostics) -> "Relaxed":
+        """This with the steps and factorisations of what came before."""
+        counts = lambda d: (d.steps, d.factorisations)
+        sums = tuple(a + b for a, b in zip(counts(self.found), counts(earlier), strict=True))
+        return eqx.tree_at(lambda r: counts(r.found), self, sums)
 
 
 class InverseProblem(eqx.Module):
@@ -74,7 +117,8 @@ class InverseProblem(eqx.Module):
     max_steps: int | None = eqx.field(static=True)
     rest_lengths: str = eqx.field(static=True)
     assembly: Assembly
-    motions: FreeMotions | None
+    origin: Origin  # what the numbering was made from
+    most_motions: int = eqx.field(static=True)
 
     def __init__(
         self,
@@ -113,20 +157,47 @@ class InverseProblem(eqx.Module):
         self.loss = loss
         self.solver = SparseNewton() if solver is None else solver
         self.max_steps = max_steps
-        self.actuation.check(mesh)
+        self.rest_lengths = checked_rest_lengths(rest_lengths)
         for _, term in energy.weighted_terms():
             term.check(mesh)
         self.energy = energy.on(mesh)
-        _check_constraints(self.energy, self.solver)
-        _check_one_curvature([term for _, term in energy.weighted_terms()])
         if self.supports is not None:
             self.supports.check(mesh)
             refuse_held_moments(self.energy, [part.held_edges(mesh) for part in self.supports.parts()], mesh)
-        if loss is not None:
-            loss.check(mesh, self.actuation)
+        self._check_parts()
         self.assembly = Assembly.of(self.energy, mesh, self.supports)
-        self.rest_lengths = checked_rest_lengths(rest_lengths)
-        self.motions = free_motions(self.energy, mesh, self.rest_shape(), self.assembly, self.supports)
+        self.origin = Origin.of(mesh, self.energy, self.supports)
+        self.most_motions = count_motions(mesh, self.supports)
+
+    def _check_parts(self) -> None:
+        """What can be wrong with parts that may be swapped by `tree_at`: asked when a problem is built, and again
+        whenever a program is traced for it."""
+        if self.thickness.shape not in ((), (self.mesh.n_faces,)):
+            _checked_thickness(self.thickness, self.mesh)
+        self.actuation.check(self.mesh)
+        _check_constraints(self.energy, self.solver)
+        _check_one_curvature([term for _, term in self.energy.weighted_terms()])
+        if self.loss is not None:
+            self.loss.check(self.mesh, self.actuation)
+
+    def replace(self, **parts: Any) -> "InverseProblem":
+        """This problem built anew with other parts, given by the names that they have when a problem is built.
+
+        Arrays can be changed by `equinox.tree_at`, and so can actuation, loss and solver as a whole. Connectivity, the
+        kinds of terms of the energy, and what supports hold decide which unknowns there are: these parts are replaced
+        here.
+
+        ??? example
+
+            ```python
+            stiffer = problem.replace(energy=problem.energy + sk.Gravity(1.0))
+            ```
+        """
+        names = ("mesh", "thickness", "energy", "actuation", "loss", "solver", "max_steps", "supports", "rest_lengths")
+        unknown = [name for name in parts if name not in names]
+        if unknown:
+            raise ValueError(f"InverseProblem.replace: there is no part {unknown[0]!r}; parts are {', '.join(names)}.")
+        return InverseProblem(**{name: parts.get(name, getattr(self, name)) for name in names})
 
     def rest_shape(self) -> RestShape:
         """The rest shape under actuation."""
@@ -139,19 +210,32 @@ class InverseProblem(eqx.Module):
         return actuated.sharing_edges(self.mesh) if shared else actuated
 
     def discrete_energy(self) -> DiscreteEnergy:
-        """The energy as a function of the vector of free unknowns, with its gradient and sparse Hessian."""
+        """The energy as a function of the vector of free unknowns, with its gradient and sparse Hessian.
+
+        **Raises:** `ValueError` if parts were swapped that it was not built for; the message says how to replace them.
+        """
+        return self._discrete_energy(self.rest_shape())
+
+    def _discrete_energy(self, rest: RestShape) -> DiscreteEnergy:
+        self.origin.check(self.mesh, self.energy, self.supports)
+        self._check_parts()
         held, beyond = self.mesh.vertices, None
         if self.supports is not None:
             held, beyond = self.supports.held_positions(self.mesh), self.supports.continuation(self.mesh)
         held = self.assembly.join(held, None)
-        return DiscreteEnergy(self.energy, self.mesh, self.rest_shape(), self.assembly, held, beyond)
+        return DiscreteEnergy(self.energy, self.mesh, rest, self.assembly, held, beyond)
 
-    def rigid_motions(self) -> FreeMotions | None:
-        """The rigid motions that cost nothing, with the supports where they are now; `None` if there is none."""
-        if self.motions is None or self.supports is None:
-            return self.motions
-        held = self.assembly.join(self.supports.held_positions(self.mesh), None)
-        return eqx.tree_at(lambda motions: motions.held, self.motions, held)
+    def rigid_motions(self, energy: DiscreteEnergy | None = None) -> FreeMotions | None:
+        """The rigid motions that cost nothing, with supports and loads as they are now; `None` if there is none.
+
+        **Arguments:**
+
+        - `energy`: as `discrete_energy` returns it, if it is at hand.
+        """
+        if self.most_motions == 0:
+            return None
+        energy = self.discrete_energy() if energy is None else energy
+        return free_motions(energy, self.mesh, self.supports, self.most_motions)
 
     def total_energy(self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None = None) -> Scalar:
         """The energy of any shape, in units of pressure times volume; held vertices are where they are held.
@@ -195,55 +279,92 @@ class InverseProblem(eqx.Module):
         **Returns:** the [`shellkit.Equilibrium`][]. A relaxation that fails returns what it has, with the reason in
         `result`.
         """
+        found = self.relaxed(start)
+        if not is_traced(self):
+            return Equilibrium.of(self.mesh, found.rest, found.pose, found.found)
+        return self.responding(found)
+
+    def relaxed(self, start: Equilibrium | None = None) -> Relaxed:
+        """The relaxation alone, of which nothing is differentiated: one compiled program for all problems of a kind,
+        whatever their loss, and whoever calls it.
+
+        **Arguments:**
+
+        - `start`: as when the problem is called.
+        """
+        self.origin.check(self.mesh, self.energy, self.supports)
         # What is compiled does not depend on the loss, so problems that differ in it share one program.
-        return _relax(eqx.tree_at(lambda p: p.loss, self, None, is_leaf=lambda x: x is None), start)
+        bare = with_parts(self, loss=None)
+        begin = Start.of(self.mesh, self.assembly.n_directors, self._exact_constraints(), start)
+        if is_traced((bare, begin)) or not isinstance(self.solver, SparseNewton) or begin.multipliers is not None:
+            return _relax(*frozen((bare, self.solver, begin)))
+        # Few relaxations need all that the solver can do, which takes long to compile: they go on with it.
+        found = _relax(bare, PlainNewton(self.solver), begin)
+        if not found.stuck:
+            return found
+        after = Start(found.pose.vertices, found.pose.directors, None)
+        return _relax(bare, self.solver, after).after(found.found)
 
-    def _relaxed(self, start: Equilibrium | None) -> Equilibrium:
-        energy = self.discrete_energy()
-        still = _stop(energy)
-        if start is None:
-            unknowns = self.assembly.join(self.mesh.vertices, None)
-        else:
-            unknowns = self.assembly.join(start.vertices, start.directors)
-        y0 = jax.lax.stop_gradient(self.assembly.restrict(unknowns))
-        motions = _stop(self.rigid_motions())
-        length = jax.lax.stop_gradient(jnp.mean(edge_lengths(self.mesh.vertices, self.mesh)))
+    def responding(self, found: Relaxed) -> Equilibrium:
+        """The equilibrium that was found, as a function of every array of the problem: with its derivative there.
+
+        **Arguments:**
+
+        - `found`: what `relaxed` returned for this problem at its present arrays.
+        """
+        bare = with_parts(self, loss=None)
+        rest, pose = _respond(bare, frozen(found))
+        return Equilibrium.of(self.mesh, rest, pose, frozen(found.found))
+
+    def _exact_constraints(self) -> int:
+        return sum(isinstance(term, Constraint) for _, term in self.energy.weighted_terms())
+
+    def _relaxed(self, solver: optx.AbstractMinimiser, start: Start) -> Relaxed:
+        announce("the relaxation of this kind of scene")
+        rest = self.rest_shape()
+        energy = self._discrete_energy(rest)
+        y0 = self.assembly.restrict(self.assembly.join(start.vertices, start.directors))
+        motions = self.rigid_motions(energy)
+        length = jnp.mean(edge_lengths(self.mesh.vertices, self.mesh))
         linear_solver = self.linear_solver()
-        multipliers = None
+        multipliers = last = None
         if energy.quantities is None:
-            end = minimised(still, y0, motions, length, self.solver, linear_solver, self._step_limit())
-            y = differentiable_minimum(energy, end.y, motions, linear_solver, end.last)
+            end = minimised(energy, y0, motions, length, solver, linear_solver, self._step_limit())
+            y, last = end.y, end.last if len(y0) >= MANY else None
         else:
-            assert isinstance(self.solver, SparseNewton)  # as was checked when the problem was built
-            first = None if start is None else start.multipliers
-            end, held = minimised_held(still, y0, first, motions, length, self.solver, self._step_limit())
-            y, multipliers = differentiable_held(energy, held, motions, linear_solver)
-            energy = energy.held_by(multipliers)
-        return self._report(still, end, self.posed(energy, y), multipliers)
+            assert isinstance(solver, SparseNewton)  # as was checked when the problem was built
+            end, held = minimised_held(energy, y0, start.multipliers, motions, length, solver, self._step_limit())
+            y, multipliers = held.y, held.multipliers
+        pose = self.posed(energy, y, motions, multipliers)
+        stuck = end.result == optx.RESULTS.nonlinear_divergence
+        return Relaxed(rest, pose, self._diagnostics(energy, end, pose.vertices), y, stuck, last)
 
-    def _report(self, energy: DiscreteEnergy, end: End, posed: tuple, multipliers: Array | None) -> Equilibrium:
-        vertices, directors, reactions, moments = posed
+    def _responding(self, found: Relaxed) -> tuple[RestShape, Pose]:
+        rest = self.rest_shape()
+        energy = self._discrete_energy(rest)
+        motions = frozen(self.rigid_motions(energy))
+        linear_solver, multipliers = self.linear_solver(), found.pose.multipliers
+        if multipliers is None:
+            last = None if found.last is None else (found.last, self.assembly.pattern)
+            y = differentiable_minimum(energy, found.y, motions, linear_solver, last)
+        else:
+            y, multipliers = differentiable_held(energy, found.y, multipliers, motions, linear_solver)
+        return rest, self.posed(energy, y, motions, multipliers)
+
+    def _diagnostics(self, energy: DiscreteEnergy, end: End, vertices: Float[Array, "V 3"]) -> Diagnostics:
         converged = end.result == optx.RESULTS.successful
         result = RESULTS.promote(end.result)
         result = RESULTS.where(end.result == optx.RESULTS.nonlinear_divergence, RESULTS.stuck, result)
         worst_hinge = None
         if energy.faces is not None and energy.faces.form is not None:
-            positions = jax.lax.stop_gradient(vertices)
-            angles = jnp.abs(Hinges(positions, self.mesh, Triangles(positions, self.mesh)).angles)
+            angles = jnp.abs(Hinges(vertices, self.mesh, Triangles(vertices, self.mesh)).angles)
             flat = jnp.argmax(angles)
             worst_hinge = self.mesh.face_edges.T.reshape(-1)[flat]
             folded = ~converged & (jnp.max(angles) > jnp.deg2rad(_FOLDED))
             # Only an averaged normal vanishes on a fold, and only a form that stays finite there can end on it.
             averaged = energy.faces.form != "tan" and energy.faces.director_length is None
             result = RESULTS.where(folded, RESULTS.hinge_folded if averaged else RESULTS.hinge_pressed, result)
-        return Equilibrium(
-            mesh=self.mesh,
-            rest=self.rest_shape(),
-            vertices=vertices,
-            directors=directors,
-            reactions=reactions,
-            moments=moments,
-            multipliers=multipliers,
+        return Diagnostics(
             energy=end.value,
             gradient_norm=jnp.linalg.norm(end.gradient),
             steps=end.steps,
@@ -253,6 +374,11 @@ class InverseProblem(eqx.Module):
             result=result,
             worst_hinge=worst_hinge,
         )
+
+    @property
+    def needs_shape(self) -> bool:
+        """Whether the loss looks at the relaxed shape; without a loss there is nothing that does."""
+        return self.loss is not None and self.loss.needs_shape
 
     def objective(self, start: Equilibrium | None = None) -> tuple[Scalar, tuple[dict[str, Scalar], Equilibrium]]:
         """The loss, with its terms by name and the equilibrium that they were measured at: what [`shellkit.fit`][]
@@ -264,10 +390,23 @@ class InverseProblem(eqx.Module):
 
         **Raises:** `ValueError` if there is no loss.
         """
+        return self._assessed(self(start) if self.needs_shape else self.unrelaxed())
+
+    def respond(self, found: Relaxed) -> tuple[Scalar, tuple[dict[str, Scalar], Equilibrium]]:
+        """What `objective` returns, from a relaxation that was done before; differentiable all the same.
+
+        **Arguments:**
+
+        - `found`: what `relaxed` returned for this problem at its present arrays.
+
+        **Raises:** `ValueError` if there is no loss.
+        """
+        return self._assessed(self.responding(found))
+
+    def _assessed(self, equilibrium: Equilibrium) -> tuple[Scalar, tuple[dict[str, Scalar], Equilibrium]]:
         if self.loss is None:
             raise ValueError("This InverseProblem has no loss: give it one, such as loss=sk.VertexDistance(target).")
-        equilibrium = self(start) if self.loss.needs_shape else self.unrelaxed()
-        value, terms = self.loss.evaluate(equilibrium, self.actuation)
+        value, terms = _assess(self.loss, equilibrium, self.actuation)
         return value, (terms, equilibrium)
 
     def evaluate(self) -> tuple[Scalar, dict[str, Scalar]]:
@@ -293,24 +432,18 @@ class InverseProblem(eqx.Module):
         if self.loss is None:
             raise ValueError("This InverseProblem has no loss: give it one, such as loss=sk.VertexDistance(target).")
         if self.loss.needs_shape:
-            energy = self.discrete_energy()
+            rest = self.rest_shape()
+            energy, solver = self._discrete_energy(rest), self.linear_solver()
             y = self.assembly.restrict(self.assembly.join(equilibrium.vertices, equilibrium.directors))
-            motions = None if self.motions is None else _stop(self.motions)
-            multipliers = equilibrium.multipliers
+            motions, multipliers = frozen(self.rigid_motions(energy)), equilibrium.multipliers
             if multipliers is None:
-                y = responding_minimum(energy, y, motions, self.linear_solver())
+                y = responding_minimum(energy, y, motions, solver)
             else:
                 z, m = jnp.concatenate([y, multipliers]), len(multipliers)
-                solver = BorderedSolver(self.linear_solver())
-                z = responding_minimum(Stationary(energy), z, padded(motions, m), solver)
+                z = responding_minimum(Stationary(energy), z, padded(motions, m), BorderedSolver(solver))
                 y, multipliers = z[:-m], z[-m:]
-                energy = energy.held_by(multipliers)
-            equilibrium = eqx.tree_at(
-                lambda e: (e.vertices, e.directors, e.reactions, e.moments, e.multipliers, e.rest, e.mesh),
-                equilibrium,
-                (*self.posed(energy, y), multipliers, self.rest_shape(), self.mesh),
-                is_leaf=lambda x: x is None,
-            )
+            pose = self.posed(energy, y, motions, multipliers)
+            equilibrium = Equilibrium.of(self.mesh, rest, pose, equilibrium.diagnostics)
         else:
             equilibrium = self.unrelaxed()
         found = self.loss.residuals(equilibrium, self.actuation)
@@ -324,24 +457,7 @@ class InverseProblem(eqx.Module):
 
     def unrelaxed(self) -> Equilibrium:
         """The surface at rest as an equilibrium that nothing was done to: for losses that do not look at the shape."""
-        zero, none, yes = jnp.zeros(()), jnp.zeros((), jnp.int32), jnp.array(True)
-        return Equilibrium(
-            mesh=self.mesh,
-            rest=self.rest_shape(),
-            vertices=self.mesh.vertices,
-            directors=None,
-            reactions=None,
-            moments=None,
-            multipliers=None,
-            energy=zero,
-            gradient_norm=zero,
-            steps=none,
-            factorisations=none,
-            converged=yes,
-            stable=yes,
-            result=RESULTS.successful,
-            worst_hinge=None,
-        )
+        return Equilibrium.of(self.mesh, self.rest_shape(), Pose(self.mesh.vertices), Diagnostics.of_nothing())
 
     def citation(self) -> str:
         """The papers behind the parts in use, as BibTeX: print it. Each part names its own in its class attribute
@@ -369,9 +485,13 @@ class InverseProblem(eqx.Module):
         return self.solver.linear_solver if isinstance(self.solver, SparseNewton) else default_direct_solver()
 
     def posed(
-        self, energy: DiscreteEnergy, y: Float[Array, " n"]
-    ) -> tuple[Array, Array | None, Array | None, Array | None]:
-        """What [`shellkit.Equilibrium`][] reports of a shape: positions, directors, reactions and moments.
+        self,
+        energy: DiscreteEnergy,
+        y: Float[Array, " n"],
+        motions: FreeMotions | None = None,
+        multipliers: Float[Array, " m"] | None = None,
+    ) -> Pose:
+        """What [`shellkit.Equilibrium`][] reports of a shape.
 
         Of a free shell the pose is that nearest to the surface at rest, with no net translation or rotation.
 
@@ -379,18 +499,24 @@ class InverseProblem(eqx.Module):
 
         - `energy`: as `discrete_energy` returns it.
         - `y`: the vector of free unknowns.
-
-        **Returns:** vertices; directors, in radians; reactions; moments. Each of the last three may be `None`.
+        - `motions`: as `rigid_motions` returns them, if they are at hand.
+        - `multipliers`: of what is held exactly or by springs; `None` where nothing is.
         """
         vertices, directors = energy.state(y)
+        energy = energy if multipliers is None else energy.held_by(multipliers)
         reactions, moments = None, energy.held_moments(y)
         if self.assembly.free is not None:
             held = energy.full_gradient(y).at[self.assembly.free].set(0.0)
             reactions, _ = self.assembly.split_forces(held)
-        if self.motions is not None and self.motions.all_rigid:
+        if self.supports is None:
             # The pose is that nearest to the start: no net translation or rotation of the displacement.
-            vertices = Kabsch()(vertices, self.mesh.vertices)
-        return vertices, directors, reactions, moments
+            brought_back = Kabsch()(vertices, self.mesh.vertices)
+            motions = self.rigid_motions(energy) if motions is None else motions
+            if motions is None or motions.hindrances is None:
+                vertices = brought_back
+            else:
+                vertices = jnp.where(frozen(motions).are_free(jax.lax.stop_gradient(y)), brought_back, vertices)
+        return Pose(vertices, directors, reactions, moments, multipliers)
 
     def _step_limit(self) -> int:
         if self.max_steps is not None:
@@ -399,12 +525,18 @@ class InverseProblem(eqx.Module):
 
 
 @eqx.filter_jit
-def _relax(problem: InverseProblem, start: Equilibrium | None) -> Equilibrium:
-    return problem._relaxed(start)
+def _relax(problem: InverseProblem, solver: optx.AbstractMinimiser, start: Start) -> Relaxed:
+    return problem._relaxed(solver, start)
 
 
-def _stop(tree):
-    return jax.tree.map(lambda leaf: jax.lax.stop_gradient(leaf) if eqx.is_inexact_array(leaf) else leaf, tree)
+@eqx.filter_jit
+def _respond(problem: InverseProblem, found: Relaxed) -> tuple[RestShape, Pose]:
+    return problem._responding(found)
+
+
+@eqx.filter_jit
+def _assess(loss: Loss, equilibrium: Equilibrium, actuation: Actuation) -> tuple[Scalar, dict[str, Scalar]]:
+    return loss.evaluate(equilibrium, actuation)
 
 
 def _checked_thickness(thickness: float | Array, mesh: Mesh) -> Array:

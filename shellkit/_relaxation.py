@@ -16,6 +16,7 @@ from ._solve.direct import AbstractSparseSolver, Factor
 from ._solve.motions import held_still
 from ._solve.newton import NewtonState, SparseNewton
 from ._solve.operator import SparseSymmetric
+from ._solve.plain import PlainNewton, PlainState
 from ._symmetries import FreeMotions
 
 
@@ -63,13 +64,13 @@ def minimised(
         max_steps=max_steps,
         throw=False,
     )
-    if isinstance(solution.state, NewtonState):
+    if isinstance(solution.state, NewtonState | PlainState):
         point = solution.state.best
         value, gradient = point.value, point.gradient
         stable = solution.result == optx.RESULTS.successful
         factorisations = solution.stats["factorisations"]
         factor = solution.state.factor
-        last = LastFactor(factor, solution.state.held) if isinstance(factor, Factor) else None
+        last = LastFactor.of(factor, solution.state.held) if isinstance(factor, Factor) else None
     else:
         last = None
         value, gradient = energy.value_and_gradient(solution.value)

@@ -4,15 +4,16 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jax.core import Tracer
+from jaxtyping import Array, Bool, Float, Int
 
-from ._energy import AbstractEnergy, Assembly, Constraint, DiscreteEnergy, EnergyTerm, FormEnergy
+from ._energy import Assembly, DiscreteEnergy
 from ._mesh.mesh import Mesh
-from ._rest import RestShape
 from ._supports import Supports
 
 
 _TOLERANCE = 1e-9
+_HINDERED = 1e-13  # of the largest eigenvalue of what hinders motions: below it is rounding
 _SAMPLES = 6  # one term may resist as many motions
 
 
@@ -20,11 +21,11 @@ class FreeMotions(eqx.Module):
     """A space of rigid motions about a fixed centre, as fields on the free unknowns of a scene.
 
     Which combinations of the six motions leave the supports alone changes as the shell slides on them: they are found
-    anew from where it is.
+    anew from where it is. At most `count` are free; those that are not come as zeros.
     """
 
     centre: Float[Array, " 3"]
-    hindrances: Float[Array, "m 6"]  # those by terms of the energy: no motion of the space has a part in them
+    hindrances: Float[Array, "m 6"] | None  # those by terms of the energy: no motion of the space has a part in them
     units: Float[Array, " 6"]
     assembly: Assembly
     held: Float[Array, " N"] | None  # where unknowns are held; None if none is
@@ -33,24 +34,33 @@ class FreeMotions(eqx.Module):
 
     def __call__(self, y: Float[Array, " n"]) -> Float[Array, "n k"]:
         """The motions at free unknowns `y`, one a column. Held unknowns are in none of them."""
+        fields, free = self._fields_and_free(y)
+        if free is not None:
+            # Eigenvalues ascend: the first motions are those that nothing hinders.
+            fields = fields @ free
+        return jax.vmap(self.assembly.restrict, in_axes=1, out_axes=1)(fields)
+
+    def are_free(self, y: Float[Array, " n"]) -> Bool[Array, ""]:
+        """Whether all six motions are free."""
+        free = self._fields_and_free(y)[1]
+        return jnp.array(True) if free is None else jnp.all(jnp.any(free != 0, axis=0)) & (self.count == 6)
+
+    def _fields_and_free(self, y: Float[Array, " n"]) -> tuple[Float[Array, "N 6"], Float[Array, "6 k"] | None]:
+        """The six motions, and the combinations of them that are free; `None` where nothing is there to hinder any."""
         held = jnp.zeros(self.assembly.size, y.dtype) if self.held is None else self.held
         vertices, _ = self.assembly.split(self.assembly.extend(y, held))
         fields = _fields(self.assembly, vertices - self.centre) * self.units
-        rows = self.hindrances
+        rows = [] if self.hindrances is None else [self.hindrances]
         if self.held is not None:
-            at_supports = fields.at[self.assembly.free].set(0.0)
-            rows = jnp.concatenate([rows, at_supports])
+            rows.append(fields.at[self.assembly.free].set(0.0))
         if self.clamped is not None:
-            rows = jnp.concatenate([rows, _turns(vertices, self.clamped)])
-        if self.count < 6:
-            # Eigenvalues ascend: the first motions are those that nothing hinders.
-            fields = fields @ jnp.linalg.eigh(rows.T @ rows)[1][:, : self.count]
-        return jax.vmap(self.assembly.restrict, in_axes=1, out_axes=1)(fields)
-
-    @property
-    def all_rigid(self) -> bool:
-        """Whether all six motions are free."""
-        return self.count == 6
+            rows.append(_turns(vertices, self.clamped))
+        if not rows:
+            return fields, None
+        stacked = jnp.concatenate(rows)
+        sizes, axes = jnp.linalg.eigh(stacked.T @ stacked)
+        free = sizes <= _HINDERED * jnp.maximum(sizes[-1], jnp.finfo(sizes.dtype).tiny)
+        return fields, jnp.where(free, axes, 0.0)[:, : self.count]
 
 
 def _fields(assembly: Assembly, arms: Float[Array, "V 3"]) -> Float[Array, "N 6"]:
@@ -75,62 +85,83 @@ def _turns(vertices: Float[Array, "V 3"], edges: Int[Array, "m 2"]) -> Float[Arr
 
 
 def free_motions(
-    energy: AbstractEnergy,
-    mesh: Mesh,
-    rest: RestShape,
-    assembly: Assembly,
-    supports: Supports | None = None,
+    energy: DiscreteEnergy, mesh: Mesh, supports: Supports | None, count: int
 ) -> FreeMotions | None:
-    """The rigid motions that no support hinders and no term resists, or `None` if there is none.
+    """The rigid motions that no support hinders and no term resists, where they are now; `None` if there is none.
 
     Functions of the fundamental forms resist none. Other terms are asked: a motion is free if their gradient does no
     work on it at several generic shapes.
+
+    **Arguments:**
+
+    - `energy`: of the scene.
+    - `mesh`: the surface at rest.
+    - `supports`: what is held; `None` for nothing.
+    - `count`: how many the supports leave at most, see `count_motions`.
     """
-    centre, units = jnp.mean(mesh.vertices, axis=0), _units(mesh)
-    terms = [term for _, term in energy.weighted_terms()]
-    own = [term.engaged() for term in terms if isinstance(term, EnergyTerm)]
-    own += [term.measure() for term in terms if isinstance(term, Constraint)]
-    hindrances = _work_on_motions(own, mesh, rest, centre, units) if own else np.zeros((0, 6))
-    rows, held, clamped = hindrances, None, None
-    if supports is not None:
-        # What is held in a line or a plane at rest may leave it on the way.
-        positions = [supports.at(0.0).held_positions(mesh), supports.held_positions(mesh)]
-        fields = [np.asarray(_fields(assembly, x - centre)) * units for x in positions]
-        rows = np.concatenate([rows, *(field[assembly.is_held] for field in fields)])
-        held = assembly.join(positions[1], None)
-        if any(isinstance(term, FormEnergy) and term.form is not None for _, term in energy.weighted_terms()):
-            # What feels the normals of edges cannot turn about those that are held.
-            edges = np.concatenate([np.asarray(part.held_edges(mesh)) for part in supports.parts()])
-            clamped = mesh.edges[edges] if len(edges) else None
-        if clamped is not None:
-            rows = np.concatenate([rows, *(_turns(x, clamped) for x in positions)])
-    sizes = np.linalg.svd(rows, compute_uv=False) if len(rows) else np.zeros(0)
-    count = 6 - int(np.count_nonzero(sizes > _TOLERANCE * max(sizes.max(initial=0.0), 1e-300)))
     if count == 0:
         return None
-    return FreeMotions(centre, jnp.asarray(hindrances), jnp.asarray(units), assembly, held, clamped, count)
+    size = jnp.max(jnp.max(mesh.vertices, axis=0) - jnp.min(mesh.vertices, axis=0))
+    centre = jnp.mean(mesh.vertices, axis=0)
+    # Rotations are comparable with translations in the size of the mesh.
+    units = jnp.concatenate([jnp.ones(3), jnp.ones(3) / size])
+    held = clamped = None
+    if supports is not None:
+        held = energy.held
+        if energy.faces is not None and energy.faces.form is not None:
+            # What feels the normals of edges cannot turn about those that are held.
+            edges = jnp.concatenate([part.held_edges(mesh) for part in supports.parts()])
+            clamped = mesh.edges[edges] if len(edges) else None
+    hindrances = _work_on_motions(energy, mesh, centre, units)
+    return FreeMotions(centre, hindrances, units, energy.assembly, held, clamped, count)
 
 
-def _units(mesh: Mesh) -> np.ndarray:
-    """What makes rotations comparable with translations: the size of the mesh."""
-    size = float(jnp.max(jnp.ptp(mesh.vertices, axis=0)))
-    return np.array([1.0, 1.0, 1.0, 1 / size, 1 / size, 1 / size])
+def count_motions(mesh: Mesh, supports: Supports | None) -> int:
+    """How many rigid motions supports leave free at most, at rest or where they lead; found on the host.
+
+    All six where it is not known, as positions are traced: those that are hindered then come as zeros.
+    """
+    if supports is None:
+        return 6
+    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((mesh, supports))):
+        return 6
+    # What is held in a line or a plane at rest may leave it on the way.
+    return max(_count(mesh, part, positions) for part, positions in supports.stations(mesh))
+
+
+def _count(mesh: Mesh, projectors: Float[np.ndarray, "V 3 3"], positions: Float[np.ndarray, "V 3"]) -> int:
+    arms = positions - positions.mean(axis=0)
+    size = max(np.ptp(np.asarray(mesh.vertices), axis=0).max(), 1e-300)
+    x, y, z = arms.T / size
+    zero = np.zeros_like(x)
+    turns = np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], -1)
+    fields = np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), turns], axis=2)
+    rows = (projectors @ fields).reshape(-1, 6)
+    sizes = np.linalg.svd(rows, compute_uv=False)
+    return 6 - int(np.count_nonzero(sizes > _TOLERANCE * max(sizes.max(initial=0.0), 1e-300)))
 
 
 def _work_on_motions(
-    terms: list[EnergyTerm], mesh: Mesh, rest: RestShape, centre: Array, units: np.ndarray
-) -> np.ndarray:
-    """Work of each term's gradient on the six motions, at generic shapes, relative to the size of its forces."""
-    rng = np.random.default_rng(0)
-    scale = float(jnp.max(jnp.abs(mesh.vertices - centre)))
-    rows = []
-    for term in terms:
-        assembly = Assembly.of(term, mesh)
-        gradient = eqx.filter_jit(DiscreteEnergy(term, mesh, rest, assembly, jnp.zeros(assembly.size)).gradient)
-        for _ in range(_SAMPLES):
-            shape = mesh.vertices + 0.05 * scale * rng.normal(size=mesh.vertices.shape)
-            force = np.asarray(gradient(shape.reshape(-1)))
-            work = force @ np.asarray(rigid_fields(shape - centre)) * units
-            work = work / max(np.abs(force).sum(), 1e-300)
-            rows.append(np.where(np.abs(work) > _TOLERANCE, work, 0.0))
-    return np.array(rows)
+    energy: DiscreteEnergy, mesh: Mesh, centre: Float[Array, " 3"], units: Float[Array, " 6"]
+) -> Float[Array, "m 6"] | None:
+    """Work of each term's gradient on the six motions, at generic shapes, relative to the size of its forces; `None`
+    where no term may resist any."""
+    measures = () if energy.quantities is None else energy.quantities.measures
+    asked = [elements.engaged() for elements in (*energy.elements, *measures)]
+    if not asked:
+        return None
+    scale = jnp.max(jnp.abs(mesh.vertices - centre))
+    noise = jnp.sin(jnp.arange(1.0, _SAMPLES * mesh.vertices.size + 1.0) ** 2).reshape(_SAMPLES, *mesh.vertices.shape)
+
+    def work(shape):
+        motions = rigid_fields(shape - centre) * units
+        rows = []
+        for elements in asked:
+            parts = elements.value_and_gradient(shape)[1]
+            force = jnp.zeros_like(shape).at[elements.stencil].add(parts).reshape(-1)
+            done = force @ motions / jnp.maximum(jnp.sum(jnp.abs(force)), jnp.finfo(force.dtype).tiny)
+            rows.append(jnp.where(jnp.abs(done) > _TOLERANCE, done, 0.0))
+        return jnp.stack(rows)
+
+    rows = jax.lax.map(work, mesh.vertices + 0.1 * scale * noise)
+    return jax.lax.stop_gradient(rows.reshape(-1, 6))

@@ -8,6 +8,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int, Scalar
 
 from .._geometry.patches import CORNER_PAIRS
@@ -108,7 +109,7 @@ class Assembly(eqx.Module):
             face_numbers=face_numbers,
             face_entries=face_entries,
             element_entries=element_entries,
-            director_length=jax.lax.stop_gradient(jnp.mean(edge_lengths(mesh.vertices, mesh))) if directors else None,
+            director_length=_mean_edge_length(mesh) if directors else None,
             n_vertices=mesh.n_vertices,
             n_directors=directors,
         )
@@ -226,6 +227,13 @@ class Assembly(eqx.Module):
 
     def _operator(self, values: Float[Array, " nnz"]) -> SparseSymmetric:
         return SparseSymmetric(self.pattern, values if self.frames is None else self.frames.turn(values))
+
+
+def _mean_edge_length(mesh: Mesh) -> Array:
+    if isinstance(mesh.vertices, Tracer):
+        return jax.lax.stop_gradient(jnp.mean(edge_lengths(mesh.vertices, mesh)))
+    ends = np.asarray(mesh.vertices)[np.asarray(mesh.edges)]
+    return jnp.asarray(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).mean())
 
 
 def _check_stencil(name: str, stencil: np.ndarray, mesh: Mesh) -> None:

@@ -10,7 +10,6 @@ from jax.core import Tracer
 from jaxtyping import Array, Float, Scalar
 
 from .._geometry.rowwise import length
-from .._geometry.surface import enclosed_volume
 from .._mesh.mesh import Mesh
 from .._papers import NOCEDAL_2006
 from .._supports.selection import Numbers
@@ -75,7 +74,7 @@ class Constraint(AbstractEnergy):
 
     def at(self, progress: float | Scalar) -> "AbstractEnergy":
         """This constraint, with its value on the way from that at rest by a fraction `progress`."""
-        return eqx.tree_at(lambda s: s.progress, self, progress)
+        return eqx.tree_at(lambda s: s.progress, self, jnp.asarray(progress, dtype=float))
 
     def on(self, mesh: Mesh) -> "AbstractEnergy":
         """This constraint with the vertices that it names spelled out as indices: itself, unless it names some."""
@@ -115,7 +114,7 @@ class VolumeConstraint(Constraint):
         self.volume = None if volume is None else jnp.asarray(volume, dtype=float)
         self.apex = None if apex is None else jnp.asarray(apex, dtype=float)
         self.stiffness = None if stiffness is None else jnp.asarray(stiffness, dtype=float)
-        self.progress = 1.0
+        self.progress = jnp.asarray(1.0)
 
     def measure(self) -> EnergyTerm:
         return Pressure(-1.0, self.apex)
@@ -151,7 +150,7 @@ class AreaConstraint(Constraint):
         """
         self.area = None if area is None else jnp.asarray(area, dtype=float)
         self.stiffness = None if stiffness is None else jnp.asarray(stiffness, dtype=float)
-        self.progress = 1.0
+        self.progress = jnp.asarray(1.0)
 
     def measure(self) -> EnergyTerm:
         return _Area()
@@ -186,7 +185,7 @@ class Inflation(Constraint):
         """
         self.factor = jnp.asarray(factor, dtype=float)
         self.stiffness = None
-        self.progress = 1.0
+        self.progress = jnp.asarray(1.0)
 
     def check(self, mesh: Mesh) -> None:
         check_number("Inflation", "factor", self.factor, positive=True)
@@ -194,7 +193,7 @@ class Inflation(Constraint):
             raise ValueError(
                 "Inflation: the surface is open; give a VolumeConstraint, which says how its opening is closed."
             )
-        if float(enclosed_volume(mesh.vertices, mesh)) <= 0:
+        if not isinstance(mesh.vertices, Tracer) and _signed_volume(mesh) <= 0:
             raise ValueError("Inflation: the normals point inwards; turn the faces, mesh.faces[:, ::-1].")
 
     def measure(self) -> EnergyTerm:
@@ -202,6 +201,11 @@ class Inflation(Constraint):
 
     def target(self, at_rest: Scalar) -> Scalar:
         return (1 + self.progress * (self.factor - 1)) * at_rest
+
+
+def _signed_volume(mesh: Mesh) -> float:
+    corners = np.asarray(mesh.vertices)[np.asarray(mesh.faces)]
+    return float(np.linalg.det(corners - corners.mean(axis=(0, 1))).sum())
 
 
 class _Area(EnergyTerm):

@@ -19,6 +19,10 @@ class Elements(eqx.Module):
     data: PyTree[Array]
     stencil: Int[Array, "N k"]
 
+    def engaged(self) -> "Elements":
+        """The same elements where they act, see [`shellkit.EnergyTerm.engaged`][]; without their weight."""
+        return Elements(self.term.engaged(), None, self.data, self.stencil)
+
     def _map(self, function: Callable, vertices: Float[Array, "V 3"]) -> Any:
         return jax.vmap(function)(vertices[self.stencil], self.data)
 

@@ -3,6 +3,7 @@ energies share."""
 
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from .._geometry.forms import BEND, Components
@@ -11,8 +12,9 @@ from .._mesh.mesh import Mesh
 
 def lame_halves(young: float | Array, poisson: float | Array) -> tuple[Array, Array]:
     """alpha = E nu / (2 (1 - nu^2)) and beta = E / (4 (1 + nu)): half the plane-stress Lamé pair."""
-    young, poisson = jnp.asarray(young, dtype=float), jnp.asarray(poisson, dtype=float)
-    return young * poisson / (2 * (1 - poisson**2)), young / (4 * (1 + poisson))
+    if not isinstance(young, Tracer) and not isinstance(poisson, Tracer):
+        young, poisson = np.asarray(young, dtype=float), np.asarray(poisson, dtype=float)  # nothing is compiled
+    return jnp.asarray(young * poisson / (2 * (1 - poisson**2))), jnp.asarray(young / (4 * (1 + poisson)))
 
 
 def check_modulus(term: str, name: str, value: Array, mesh: Mesh) -> None:
@@ -21,7 +23,7 @@ def check_modulus(term: str, name: str, value: Array, mesh: Mesh) -> None:
         raise ValueError(
             f"{term}: {name} has shape {value.shape}; give one number or one a face, shape ({mesh.n_faces},)."
         )
-    if not np.all(np.isfinite(value)):
+    if not isinstance(value, Tracer) and not np.all(np.isfinite(value)):
         raise ValueError(f"{term}: {name} is not finite.")
 
 

@@ -6,26 +6,41 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Bool, Float, Int, PyTree
 
+from .._tracing import frozen
 from .bordered import Bordered, BorderedSolver
 from .direct import AbstractDirectSolver, AbstractSparseSolver, Factor
 from .motions import held_still, project_out
 from .newton import solve_held
+from .pattern import SymmetricPattern
 
 
 _RESIDUAL = 1e-13  # at which the solution of the adjoint system is taken as exact
 _ERROR = 1e-12  # or at this error in the norm of the energy, both relative
 _WORST_RESIDUAL = 1e-9  # above which it is not a solution
 _MAX_STEPS = 20
-_MANY = 3000  # unknowns from which a factorisation costs more than the sweeps with an older one
+MANY = 3000  # unknowns from which a factorisation costs more than the sweeps with an older one
 
 
 class LastFactor(eqx.Module):
-    """The factor with which a relaxation ended, of a Hessian near the minimum, and the coordinates held in it."""
+    """The factor with which a relaxation ended, of a Hessian near the minimum, and the coordinates held in it; without
+    the pattern, which its user has."""
 
-    factor: Factor
+    values: Float[Array, " nnz"]
+    token: PyTree[Array]
+    negative: Int[Array, ""]
+    ok: Bool[Array, ""]
     held: Int[Array, " k"] | None
+
+    @classmethod
+    def of(cls, factor: Factor, held: Int[Array, " k"] | None) -> "LastFactor":
+        """What is kept of a factor."""
+        return cls(factor.values, factor.token, factor.negative, factor.ok, held)
+
+    def factor(self, pattern: SymmetricPattern) -> Factor:
+        """The factor, for a matrix of this pattern."""
+        return Factor(pattern, self.values, self.token, self.negative, self.ok)
 
 
 def differentiable_minimum(
@@ -33,7 +48,7 @@ def differentiable_minimum(
     y: Float[Array, " n"],
     motions: Callable[[Array], Array] | None,
     linear_solver: AbstractSparseSolver | BorderedSolver,
-    last: LastFactor | None = None,
+    last: tuple[LastFactor, SymmetricPattern] | None = None,
 ) -> Float[Array, " n"]:
     r"""The minimum `y` of `energy`, with the derivative that it has as a function of the arrays in `energy`.
 
@@ -48,15 +63,15 @@ def differentiable_minimum(
     - `y`: where its gradient vanishes. Only as exact as that is the derivative.
     - `motions`: `y -> ` motions that cost nothing, shape (n, k), or `None`.
     - `linear_solver`: of sparse symmetric systems.
-    - `last`: a factor by this solver to try first, where the system is large.
+    - `last`: a factor by this solver to try first, where the system is large, and its pattern.
 
     **Returns:**
 
     `y`. Its derivatives are NaN where the linear system could not be solved, as for a singular Hessian: never a wrong
     number.
     """
-    direct = isinstance(linear_solver, AbstractDirectSolver) and len(y) >= _MANY
-    return _minimum(energy, jax.lax.stop_gradient(y), motions, linear_solver, _stop(last) if direct else None)
+    direct = isinstance(linear_solver, AbstractDirectSolver) and len(y) >= MANY
+    return _minimum(energy, jax.lax.stop_gradient(y), motions, linear_solver, frozen(last) if direct else None)
 
 
 @eqx.filter_custom_jvp
@@ -84,7 +99,7 @@ def _solve(energy, y, force, motions, linear_solver, last) -> Float[Array, " n"]
     again."""
     product = lambda direction: jax.jvp(energy.gradient, (y,), (direction,))[1]
     there = jax.lax.stop_gradient(y)
-    hessian = _stop(energy).hessian(there)
+    hessian = frozen(energy).hessian(there)
     still, basis, held = held_still(hessian, motions, there)
     # With multipliers the matrix is indefinite, where conjugate gradients may break down.
     iterate = _refinement if isinstance(hessian, Bordered) else _conjugate_gradients
@@ -97,9 +112,9 @@ def _solve(energy, y, force, motions, linear_solver, last) -> Float[Array, " n"]
 
     def with_last(rhs):
         """With the last one, unless that takes longer."""
-        precondition = lambda residual: solve_held(
-            linear_solver, last.factor, basis, last.held, residual, checked=False
-        )
+        left, pattern = last
+        factor = left.factor(pattern)
+        precondition = lambda residual: solve_held(linear_solver, factor, basis, left.held, residual, checked=False)
         found = iterate(hessian.mv, precondition, rhs, precondition(rhs), _patience(len(rhs)))
         return jax.lax.cond(found.solved, lambda: found.x, lambda: anew(rhs))
 
@@ -111,10 +126,6 @@ def _patience(n: int) -> int:
     """How many sweeps, with their products, cost as much as a factorisation. For Hessians of shells in PARDISO it was
     five at 2000 unknowns, seven at 4000 to 8000, and thirteen at 31,000."""
     return round(n**0.4 / 4)
-
-
-def _stop(tree):
-    return jax.tree.map(lambda leaf: jax.lax.stop_gradient(leaf) if eqx.is_inexact_array(leaf) else leaf, tree)
 
 
 class _Iterate(NamedTuple):

@@ -9,31 +9,14 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, PyTree, Scalar
 
+from .points import Point, choose
+
 
 _NARROW = 0.125  # a step of a convex model that has to be cut to this part, or less, is in such a valley
 _SMALL = 1e-3  # unless it is smaller than this to begin with, in units of the typical length
 _ARRIVED = 1e-6  # the size of the last step, in the same units
 _FARTHEST = 1e3
 _MAX_STEPS, _MAX_ATTEMPTS = 15, 3
-
-
-class Point(eqx.Module):
-    """A point with its energy, its gradient, and the norm of that."""
-
-    y: Float[Array, " n"]
-    value: Scalar
-    gradient: Float[Array, " n"]
-    norm: Scalar
-
-    @classmethod
-    def of(cls, y: Float[Array, " n"], value: Scalar, gradient: Float[Array, " n"]) -> "Point":
-        """A point, with its norm."""
-        return cls(y, value, gradient, jnp.linalg.norm(gradient))
-
-    @property
-    def finite(self) -> Bool[Array, ""]:
-        """Whether energy and gradient are finite; a norm that overflows is not."""
-        return jnp.isfinite(self.value) & jnp.isfinite(self.norm)
 
 
 class Apart(NamedTuple):
@@ -110,8 +93,3 @@ class Mixed(eqx.Module):
         )
         after_all = Point(point.y + direction, moved.value, moved.gradient, moved.norm)
         return mixed, choose(begins, after_all, choose(vain, self.origin, moved))
-
-
-def choose(condition: Bool[Array, ""], first: Point, second: Point) -> Point:
-    """The first point if the condition holds, else the second."""
-    return jax.tree.map(lambda a, b: jnp.where(condition, a, b), first, second)

@@ -13,9 +13,10 @@ from .._papers import GILL_1981, MAGISANO_2017, NOCEDAL_2006, TERAN_2005
 from .bordered import Bordered, BorderedFactor
 from .choose import default_direct_solver
 from .direct import AbstractSparseSolver, Factor
-from .mixed import Apart, Mixed, Point, choose
+from .mixed import Apart, Mixed
 from .motions import coordinates_to_hold, orthonormal, project_out
 from .operator import SparseSymmetric
+from .points import Point, choose
 from .saddle import away_from_saddle
 
 
@@ -30,6 +31,7 @@ _SMALLEST_SHIFT, _LARGEST_SHIFT = 1e-4, 1e8  # in units of the mean diagonal ent
 _SHIFT_GROWTH, _SHIFT_DECAY = 4.0, 0.1
 _HALF_CONVEX, _DAMPING = 1e-3, 1e-6  # the shift at which the model is half convex, and the identity's part in it
 _MAX_SHIFTS = 8
+SHORT = 0.2  # a step that is cut to less than this part says that its model is not to be trusted
 _FLOOR = 1e-5  # steps below this fraction of the typical length may be too small for the energy to show
 _SADDLE = 1e-2  # steps below this fraction of the typical length, with a shift, may be at a saddle
 
@@ -37,8 +39,8 @@ _SADDLE = 1e-2  # steps below this fraction of the typical length, with a shift,
 _Convexification = Callable[[], SparseSymmetric]
 
 
-class _Scene(eqx.Module):
-    """What the method asks of the function that it minimises; see `SparseNewton`."""
+class Scene(eqx.Module):
+    """What the method asks of the function that it minimises; see [`shellkit.SparseNewton`][]."""
 
     value_and_gradient: Callable[[Array], tuple[Scalar, Array]]
     derivatives: Callable[[Array], tuple[Scalar, Array, SparseSymmetric | Bordered, _Convexification | None]]
@@ -46,6 +48,24 @@ class _Scene(eqx.Module):
     motions: Callable[[Array], Array] | None
     length: Scalar
     apart: Apart | None
+
+
+def scene_of(fn: Callable, args: Any, options: dict[str, Any]) -> Scene:
+    """What the options of a minimiser say of the function."""
+    if "hessian" not in options and "derivatives" not in options:
+        raise ValueError(
+            'SparseNewton needs a sparse Hessian: pass options={"hessian": y -> operator} to optimistix.minimise, '
+            "or use an InverseProblem, which does; optimistix.BFGS and optimistix.NonlinearCG need none."
+        )
+    first = options.get("value_and_gradient", jax.value_and_grad(lambda y: fn(y, args)[0]))
+    return Scene(
+        value_and_gradient=first,
+        derivatives=options.get("derivatives", lambda y: (*first(y), options["hessian"](y), None)),
+        feasible=options.get("feasible", lambda y, y_new: jnp.array(True)),
+        motions=options.get("motions"),
+        length=jnp.asarray(options.get("length", 1.0)),
+        apart=None if options.get("apart") is None else Apart(*options["apart"]),
+    )
 
 
 class NewtonState(eqx.Module):
@@ -128,42 +148,22 @@ class SparseNewton(optx.AbstractMinimiser):
         self.max_steps = max_steps
         self.linear_solver = default_direct_solver() if linear_solver is None else linear_solver
 
-    def _scene(self, fn, args, options: dict[str, Any]) -> _Scene:
-        if "hessian" not in options and "derivatives" not in options:
-            raise ValueError(
-                'SparseNewton needs a sparse Hessian: pass options={"hessian": y -> operator} to optimistix.minimise, '
-                "or use an InverseProblem, which does; optimistix.BFGS and optimistix.NonlinearCG need none."
-            )
-        first = options.get("value_and_gradient", jax.value_and_grad(lambda y: fn(y, args)[0]))
-        return _Scene(
-            value_and_gradient=first,
-            derivatives=options.get("derivatives", lambda y: (*first(y), options["hessian"](y), None)),
-            feasible=options.get("feasible", lambda y, y_new: jnp.array(True)),
-            motions=options.get("motions"),
-            length=jnp.asarray(options.get("length", 1.0)),
-            apart=None if options.get("apart") is None else Apart(*options["apart"]),
-        )
-
     def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> NewtonState:
-        scene = self._scene(fn, args, options)
+        scene = scene_of(fn, args, options)
         # The first step evaluates where it stands, as every step does.
         zero = jnp.zeros((), y.dtype)
         nowhere = Point(y, zero, jnp.zeros_like(y), zero)
         solver: Any = self.linear_solver  # of sparse matrices, or of bordered ones
-        blank = jax.tree.map(
-            lambda struct: jnp.zeros(struct.shape, struct.dtype),
-            eqx.filter_eval_shape(lambda y: solver.factorise(scene.derivatives(y)[2]), y),
-        )
+        blank = blank_like(lambda y: solver.factorise(scene.derivatives(y)[2]), y)
         held = None if scene.motions is None else jnp.zeros(scene.motions(y).shape[1], int)
         no = jnp.array(False)
         mixed = None
         if scene.apart is not None:
-            strains = eqx.filter_eval_shape(scene.apart.begin, y)
-            mixed = Mixed.off(jax.tree.map(lambda struct: jnp.zeros(struct.shape, struct.dtype), strains), nowhere)
+            mixed = Mixed.off(blank_like(scene.apart.begin, y), nowhere)
         return NewtonState(nowhere, jnp.zeros(()), blank, held, jnp.zeros((), jnp.int32), no, mixed, no, no)
 
     def step(self, fn, y, args, options, state: NewtonState, tags):
-        scene = self._scene(fn, args, options)
+        scene = scene_of(fn, args, options)
         free, ahead, mixed = jnp.array(False), None, state.mixed
         if scene.apart is None or mixed is None:
             value, gradient, hessian, convexification = scene.derivatives(y)
@@ -184,13 +184,11 @@ class SparseNewton(optx.AbstractMinimiser):
             lambda: newton,
         )
         size = jnp.max(jnp.abs(direction))
-        regular = (shift == 0) & _usable(factor) & ~state.leaving
-        moved, length, settled = _descend(scene, point, direction, size, solve, state.leaving, regular, free, self.rtol)
+        regular = (shift == 0) & usable(factor) & ~state.leaving
+        moved, length, settled = descend(scene, point, direction, size, solve, state.leaving, regular, free, self.rtol)
 
         stalled = length == 0
-        # A tiny step that even the gradient rejects is made of rounding.
-        floor = (size < _FLOOR * scene.length) & (length < 0.2)
-        settled = settled | (regular & ~free & (floor | (size <= self.rtol * scene.length)))
+        settled = settled | (regular & ~free & floored(size, length, scene, self.rtol))
         small = size < _SADDLE * scene.length
         # More than one try means that the matrix was just seen not to be definite.
         leaving = (shift > 0) & ~state.leaving & (stalled | (small & (tries > 1)))
@@ -200,9 +198,9 @@ class SparseNewton(optx.AbstractMinimiser):
         decayed = shift * jnp.where(tries > 1, 1.0, _SHIFT_DECAY)
         faded = jnp.where((decayed < _SMALLEST_SHIFT) | (small & (tries == 1)), 0.0, decayed)
         lost = stalled & ~state.leaving & ~settled & ~free
-        after = jnp.where(length < 0.2, grown, jnp.where(length > 0.5, faded, shift))
+        after = jnp.where(length < SHORT, grown, jnp.where(length > 0.5, faded, shift))
         shift = jnp.where(lost, grown * _SHIFT_GROWTH, jnp.where(state.leaving & stalled, shift, after))
-        stuck = (lost & (shift > _LARGEST_SHIFT)) | ~_usable(factor) | ~jnp.isfinite(moved.value)
+        stuck = (lost & (shift > _LARGEST_SHIFT)) | ~usable(factor) | ~jnp.isfinite(moved.value)
         stuck = stuck & ~settled & ~free
         if mixed is not None and ahead is not None:
             trusted = regular & ~settled & ~stuck
@@ -247,7 +245,7 @@ class SparseNewton(optx.AbstractMinimiser):
             higher = jnp.maximum(next_shift, _SMALLEST_SHIFT) * _SHIFT_GROWTH**stride
             return factor, solution, higher, next_shift, tries + 1, lift
 
-        unfit = lambda carry: (carry[4] == 0) | (~_usable(carry[0]) & (carry[4] < max_tries))
+        unfit = lambda carry: (carry[4] == 0) | (~usable(carry[0]) & (carry[4] < max_tries))
         sparse = hessian.sparse if isinstance(hessian, Bordered) else hessian
         no_lift = None if convexification is None else jnp.zeros_like(sparse.values)
         start = (state.factor, rhs, state.shift, state.shift, jnp.zeros((), jnp.int32), no_lift)
@@ -277,7 +275,19 @@ def _convexified(
     return hessian.plus(part * lift).shifted(damping)
 
 
-def _usable(factor: Factor | BorderedFactor) -> Bool[Array, ""]:
+def blank_like(function: Callable[[Array], Any], y: Float[Array, " n"]) -> Any:
+    """Zeros in the structure of what a function returns, which is not called."""
+    structure = eqx.filter_eval_shape(function, y)
+    return jax.tree.map(lambda struct: jnp.zeros(struct.shape, struct.dtype), structure)
+
+
+def floored(size: Scalar, length: Scalar, scene: Scene, rtol: float) -> Bool[Array, ""]:
+    """Whether a Newton step is within tolerance, or so tiny that it is made of rounding, as even the gradient rejects
+    it."""
+    return ((size < _FLOOR * scene.length) & (length < SHORT)) | (size <= rtol * scene.length)
+
+
+def usable(factor: Factor | BorderedFactor) -> Bool[Array, ""]:
     """Whether the matrix is positive definite; a solver that cannot count says so by failing."""
     return factor.ok & (factor.negative <= 0)
 
@@ -311,8 +321,8 @@ class _Descent(eqx.Module):
     memory: "_Memory"
 
 
-def _descend(
-    scene: _Scene,
+def descend(
+    scene: Scene,
     point: Point,
     direction: Float[Array, " n"],
     size: Scalar,

@@ -80,12 +80,15 @@ class SparseSymmetric(lx.AbstractLinearOperator):
         return eqx.tree_at(lambda operator: operator.values, self, values)
 
     def holding(self, coordinates: Int[Array, " k"]) -> "SparseSymmetric":
-        """This matrix with the rows and columns of some coordinates cleared, and a typical number on their diagonal."""
+        """This matrix with the rows and columns of some coordinates cleared, and a typical number on their diagonal.
+        Coordinates past the last are passed over."""
         pattern = self.pattern
-        keep = jnp.ones(pattern.n).at[coordinates].set(0.0, wrap_negative_indices=False)
+        keep = jnp.ones(pattern.n).at[coordinates].set(0.0, mode="drop", wrap_negative_indices=False)
         values = self.values * taken(keep, pattern.rows) * taken(keep, pattern.indices)
-        places = taken(pattern.diagonal, coordinates)
-        values = values.at[places].set(self.size_of_diagonal(), wrap_negative_indices=False)
+        places = pattern.diagonal.at[coordinates].get(
+            mode="fill", fill_value=pattern.nnz, wrap_negative_indices=False
+        )
+        values = values.at[places].set(self.size_of_diagonal(), mode="drop", wrap_negative_indices=False)
         return eqx.tree_at(lambda operator: operator.values, self, values)
 
     def plus(self, values: Float[Array, "nnz"]) -> "SparseSymmetric":

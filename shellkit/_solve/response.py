@@ -4,11 +4,11 @@ at the minimum itself, and each product is then one sweep with that factor."""
 from collections.abc import Callable
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .._tracing import frozen
 from .bordered import BorderedSolver
 from .direct import AbstractSparseSolver
 from .motions import held_still
@@ -42,8 +42,7 @@ def responding_minimum(
     `y`, polished; NaN if the Hessian is singular there.
     """
     y = jax.lax.stop_gradient(y)
-    still = jax.tree.map(lambda leaf: jax.lax.stop_gradient(leaf) if eqx.is_inexact_array(leaf) else leaf, energy)
-    hessian = still.hessian(y)
+    hessian = frozen(energy).hessian(y)
     hessian, basis, held = held_still(hessian, motions, y)
     factor = linear_solver.factorise(hessian)
 

@@ -4,8 +4,10 @@ import abc
 from collections.abc import Callable
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int
 
 from .._geometry.forms import director_signs
@@ -51,7 +53,9 @@ class Supports(eqx.Module):
         """
         for part in self.parts():
             part.on(mesh).check_shapes(mesh)
-        _combine(self.parts(), mesh, refuse_conflicts=True)
+        if len(self.parts()) > 1 and not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((self, mesh))):
+            for part, gap in zip(self.parts(), _gaps(self, mesh), strict=True):
+                _refuse_conflict(part, mesh, np.asarray(gap))
 
     def held_positions(self, mesh: Mesh) -> Float[Array, "V 3"]:
         """Where the vertices are held; as at rest in the directions, and at the vertices, that are not."""
@@ -68,7 +72,7 @@ class Supports(eqx.Module):
         - `mesh`: the surface at rest.
         - `n_directors`: how many director angles there are: one an edge, or 0.
         """
-        _, held = _frames(np.asarray(_combine(self.parts(), mesh)[1]))
+        _, held = _frames(_projectors(self.parts(), mesh))
         directors = np.zeros(n_directors, bool)
         if n_directors:
             for part in self.parts():
@@ -80,9 +84,18 @@ class Supports(eqx.Module):
 
         They are those held in directions that are not axes of space; `None` if there is none. Found once on the host.
         """
-        frames, _ = _frames(np.asarray(_combine(self.parts(), mesh)[1]))
+        frames, _ = _frames(_projectors(self.parts(), mesh))
         turned = np.flatnonzero((frames != np.eye(3)).any(axis=(1, 2)))
         return (turned.astype(np.int32), frames[turned]) if len(turned) else None
+
+    def stations(self, mesh: Mesh) -> list[tuple[Float[np.ndarray, "V 3 3"], Float[np.ndarray, "V 3"]]]:
+        """The projector on the directions in which each vertex is held, and where they all are: at rest, and where the
+        supports lead. Found on the host."""
+        projectors = _projectors(self.parts(), mesh)
+        stations = [(projectors, np.asarray(mesh.vertices))]
+        if any(part.moves for part in self.parts()):
+            stations.append((projectors, np.asarray(_held_positions(self, mesh))))
+        return stations
 
     def continuation(self, mesh: Mesh) -> Continuation | None:
         """How the surface goes on beyond the edges whose normal is held; `None` if there is none."""
@@ -120,6 +133,11 @@ class SingleSupport(Supports):
 
     vertices: eqx.AbstractVar[Array | Callable]
 
+    @property
+    @abc.abstractmethod
+    def moves(self) -> bool:
+        """Whether it may hold its vertices elsewhere than at rest."""
+
     @abc.abstractmethod
     def on(self, mesh: Mesh) -> "SingleSupport":
         """The same support with vertices and edges spelled out as indices."""
@@ -153,17 +171,19 @@ class SingleSupport(Supports):
 
 
 def _combine(
-    parts: tuple[SingleSupport, ...], mesh: Mesh, refuse_conflicts: bool = False
-) -> tuple[Float[Array, "V 3"], Float[Array, "V 3 3"]]:
-    """Where the vertices are held, and the projector on the directions in which each is.
+    parts: tuple[SingleSupport, ...], mesh: Mesh
+) -> tuple[Float[Array, "V 3"], list[Float[Array, " n"]]]:
+    """Where the vertices are held; and how far each part would hold its own from where others do already.
 
     Direction by direction: what is new in it moves the point, along that alone, to where it is wanted.
     """
     positions = mesh.vertices
     projectors = jnp.zeros((mesh.n_vertices, 3, 3), positions.dtype)
+    gaps = []
     for part in parts:
         part = part.on(mesh)
         targets = part.points(mesh)
+        worst = jnp.zeros(len(targets))
         for direction in part.directions():
             direction = jnp.asarray(direction / np.linalg.norm(direction))
             here, held = positions[part.vertices], projectors[part.vertices]
@@ -171,16 +191,42 @@ def _combine(
             square = new @ direction
             is_new = square > _DEPENDENT**2
             gap = (targets - here) @ direction
-            if refuse_conflicts:
-                _refuse_conflict(part, mesh, np.asarray(jnp.where(is_new, 0.0, gap)))
+            worst = jnp.maximum(worst, jnp.where(is_new, 0.0, jnp.abs(gap)))
             inverse = jnp.where(is_new, 1.0 / jnp.where(is_new, square, 1.0), 0.0)
             positions = positions.at[part.vertices].set(here + (gap * inverse)[:, None] * new)
             projectors = projectors.at[part.vertices].add(inverse[:, None, None] * new[:, :, None] * new[:, None, :])
-    return positions, projectors
+        gaps.append(worst)
+    return positions, gaps
+
+
+# Compiled once for a kind of supports, where a problem is built that has several or such as move.
+@eqx.filter_jit
+def _held_positions(supports: Supports, mesh: Mesh) -> Float[Array, "V 3"]:
+    return supports.held_positions(mesh)
+
+
+@eqx.filter_jit
+def _gaps(supports: Supports, mesh: Mesh) -> list[Float[Array, " n"]]:
+    return _combine(supports.parts(), mesh)[1]
+
+
+def _projectors(parts: tuple[SingleSupport, ...], mesh: Mesh) -> Float[np.ndarray, "V 3 3"]:
+    """The projector on the directions in which each vertex is held: on the host, as what is held is no array."""
+    projectors = np.zeros((mesh.n_vertices, 3, 3))
+    for part in parts:
+        chosen = np.asarray(part.on(mesh).vertices)
+        for direction in part.directions():
+            direction = direction / np.linalg.norm(direction)
+            new = direction - projectors[chosen] @ direction
+            square = new @ direction
+            is_new = square > _DEPENDENT**2
+            inverse = np.where(is_new, 1.0 / np.where(is_new, square, 1.0), 0.0)
+            projectors[chosen] += inverse[:, None, None] * new[:, :, None] * new[:, None, :]
+    return projectors
 
 
 def _refuse_conflict(part: SingleSupport, mesh: Mesh, gap: np.ndarray) -> None:
-    size = float(jnp.max(jnp.ptp(mesh.vertices, axis=0)))
+    size = float(np.ptp(np.asarray(mesh.vertices), axis=0).max())
     bad = np.flatnonzero(~(np.abs(gap) <= _DISAGREEMENT * size))
     if len(bad):
         raise ValueError(

@@ -30,7 +30,7 @@ class Pinned(SingleSupport):
     vertices: Array | Callable
     positions: Float[Array, "n 3"] | None
     displacement: Float[Array, " 3"] | Float[Array, "n 3"] | None
-    progress: float | Float[Array, ""]
+    progress: Float[Array, ""]
 
     def __init__(self, vertices: Selection, positions: Numbers | None = None, displacement: Numbers | None = None):
         """**Arguments:**
@@ -49,15 +49,19 @@ class Pinned(SingleSupport):
         self.vertices = as_selection(vertices)
         self.positions = None if positions is None else jnp.asarray(positions, dtype=float)
         self.displacement = None if displacement is None else jnp.asarray(displacement, dtype=float)
-        self.progress = 1.0
+        self.progress = jnp.asarray(1.0)
         if positions is not None and displacement is not None:
             raise ValueError("Pinned: give positions or a displacement, not both.")
+
+    @property
+    def moves(self) -> bool:
+        return self.positions is not None or self.displacement is not None
 
     def on(self, mesh: Mesh) -> "Pinned":
         return eqx.tree_at(lambda s: s.vertices, self, selected("Pinned", self.vertices, mesh))
 
     def at(self, progress: float | Float[Array, ""]) -> "Pinned":
-        return eqx.tree_at(lambda s: s.progress, self, progress)
+        return eqx.tree_at(lambda s: s.progress, self, jnp.asarray(progress, dtype=float))
 
     def check_shapes(self, mesh: Mesh) -> None:
         n = len(selected("Pinned", self.vertices, mesh))
@@ -97,7 +101,7 @@ class Clamped(SingleSupport):
     displacement: Float[Array, " 3"]
     rotation: Float[Array, " 3"] | None
     centre: Float[Array, " 3"] | None
-    progress: float | Float[Array, ""]
+    progress: Float[Array, ""]
 
     def __init__(
         self,
@@ -125,7 +129,11 @@ class Clamped(SingleSupport):
         self.displacement = jnp.zeros(3) if displacement is None else jnp.asarray(displacement, dtype=float)
         self.rotation = None if rotation is None else jnp.asarray(rotation, dtype=float)
         self.centre = None if centre is None else jnp.asarray(centre, dtype=float)
-        self.progress = 1.0
+        self.progress = jnp.asarray(1.0)
+
+    @property
+    def moves(self) -> bool:
+        return True
 
     def on(self, mesh: Mesh) -> "Clamped":
         if self.edges is not None:
@@ -134,7 +142,7 @@ class Clamped(SingleSupport):
         return eqx.tree_at(lambda s: (s.vertices, s.edges), self, indices, is_leaf=lambda x: x is None)
 
     def at(self, progress: float | Float[Array, ""]) -> "Clamped":
-        return eqx.tree_at(lambda s: s.progress, self, progress)
+        return eqx.tree_at(lambda s: s.progress, self, jnp.asarray(progress, dtype=float))
 
     def check_shapes(self, mesh: Mesh) -> None:
         for name in ("displacement", "rotation", "centre"):

@@ -29,7 +29,7 @@ class Sliding(SingleSupport):
     normal: Direction | None = eqx.field(static=True)
     along: Direction | None = eqx.field(static=True)
     displacement: Float[Array, " 3"] | Float[Array, "n 3"] | None
-    progress: float | Float[Array, ""]
+    progress: Float[Array, ""]
 
     def __init__(
         self,
@@ -60,13 +60,17 @@ class Sliding(SingleSupport):
         self.normal = None if normal is None else _direction("Sliding", "normal", normal)
         self.along = None if along is None else _direction("Sliding", "along", along)
         self.displacement = None if displacement is None else jnp.asarray(displacement, dtype=float)
-        self.progress = 1.0
+        self.progress = jnp.asarray(1.0)
+
+    @property
+    def moves(self) -> bool:
+        return self.displacement is not None
 
     def on(self, mesh: Mesh) -> "Sliding":
         return eqx.tree_at(lambda s: s.vertices, self, selected("Sliding", self.vertices, mesh))
 
     def at(self, progress: float | Float[Array, ""]) -> "Sliding":
-        return eqx.tree_at(lambda s: s.progress, self, progress)
+        return eqx.tree_at(lambda s: s.progress, self, jnp.asarray(progress, dtype=float))
 
     def check_shapes(self, mesh: Mesh) -> None:
         n = len(selected("Sliding", self.vertices, mesh))
@@ -116,6 +120,10 @@ class Symmetry(SingleSupport):
         self.vertices = as_selection(vertices)
         self.normal = _direction("Symmetry", "normal", normal)
         self.edges = None
+
+    @property
+    def moves(self) -> bool:
+        return False
 
     def on(self, mesh: Mesh) -> "Symmetry":
         if self.edges is not None:

@@ -1,0 +1,105 @@
+"""What the numbering of a problem was made from, so that a part swapped afterwards is noticed: never a wrong number."""
+
+import hashlib
+from collections import OrderedDict
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, UInt32
+
+from ._energy import AbstractEnergy, Constraint, EnergyTerm
+from ._mesh.mesh import Mesh
+from ._supports import Supports
+
+
+_REMEMBERED = 32
+
+# Contents looked at lately, by the identity of the arrays, which are kept alive as long.
+_known: OrderedDict[Any, tuple[np.ndarray, Any]] = OrderedDict()
+
+
+class Origin(eqx.Module):
+    """The kinds of terms and supports, and the contents of what names vertices: connectivity, stencils, selections."""
+
+    contents: UInt32[Array, "4"]
+    kind: tuple = eqx.field(static=True)
+
+    @classmethod
+    def of(cls, mesh: Mesh, energy: AbstractEnergy, supports: Supports | None) -> "Origin":
+        """What these parts are; connectivity and selections must be known."""
+        return cls(jnp.asarray(_contents(mesh, energy, supports)), _kind(mesh, energy, supports))
+
+    def check(self, mesh: Mesh, energy: AbstractEnergy, supports: Supports | None) -> None:
+        """Refuse parts that differ from these in more than their numbers.
+
+        Where they are traced, kinds and sizes are compared, and what names vertices is not looked at.
+        """
+        kind = _kind(mesh, energy, supports)
+        for name, now, then in zip(("mesh", "energy", "supports"), kind, self.kind, strict=True):
+            if now != then:
+                raise ValueError(
+                    f"The {name} of this InverseProblem was swapped for another kind: it was built for {_said(then)}, "
+                    f"and now has {_said(now)}. Build it anew: problem.replace({name}=...)."
+                )
+        integers = [leaf for leaf in jax.tree.leaves((mesh, energy, supports)) if not eqx.is_inexact_array(leaf)]
+        if any(isinstance(leaf, Tracer) for leaf in (*integers, self.contents)):
+            return
+        if not np.array_equal(_contents(mesh, energy, supports), np.asarray(self.contents)):
+            raise ValueError(
+                "The mesh, energy or supports of this InverseProblem now name other vertices than those that it was "
+                "built for (connectivity, stencils or selections were changed). Build it anew: problem.replace(mesh="
+                "..., energy=..., supports=...)."
+            )
+
+
+def _kind(mesh: Mesh, energy: AbstractEnergy, supports: Supports | None) -> tuple:
+    terms = tuple(
+        (type(term).__qualname__, getattr(term, "form", None), getattr(term, "directors", None), _sizes(term))
+        for _, term in energy.weighted_terms()
+    )
+    parts = () if supports is None else supports.parts()
+    held = tuple((type(part).__qualname__, part.directions().tobytes(), _sizes(part)) for part in parts)
+    return (mesh.n_vertices, mesh.n_faces), terms, held
+
+
+def _sizes(part: Any) -> tuple:
+    return tuple(leaf.shape for leaf in jax.tree.leaves(part) if _names_vertices(leaf))
+
+
+def _names_vertices(leaf: Any) -> bool:
+    return eqx.is_array(leaf) and not jnp.issubdtype(leaf.dtype, jnp.inexact)
+
+
+def _contents(mesh: Mesh, energy: AbstractEnergy, supports: Supports | None) -> np.ndarray:
+    leaves, structure = jax.tree.flatten((mesh.faces, energy, supports))
+    naming = [leaf for leaf in leaves if _names_vertices(leaf)]
+    key = (structure, *map(id, naming))
+    found = _known.pop(key, None)
+    if found is None:
+        digest = hashlib.blake2b(digest_size=16)
+        for leaf in naming:
+            digest.update(np.ascontiguousarray(leaf).tobytes())
+        for _, term in energy.weighted_terms():
+            measured = term.measure() if isinstance(term, Constraint) else term
+            if isinstance(measured, EnergyTerm):
+                digest.update(np.ascontiguousarray(measured.stencil(mesh), dtype=np.int64).tobytes())
+        found = np.frombuffer(digest.digest(), np.uint32), naming
+    _known[key] = found
+    while len(_known) > _REMEMBERED:
+        _known.popitem(last=False)
+    return found[0]
+
+
+def _said(kind: tuple) -> str:
+    if kind and isinstance(kind[0], int):
+        return f"{kind[0]} vertices and {kind[1]} faces"
+    names = []
+    for part in kind:
+        details = [f"{what}={value!r}" for what, value in zip(("form", "directors"), part[1:3], strict=False)]
+        plain = isinstance(part[1], bytes) or (part[1] is None and part[2] is None)
+        names.append(part[0] if plain else f"{part[0]}({', '.join(details)})")
+    return " + ".join(names) or "none"

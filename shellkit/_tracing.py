@@ -1,0 +1,32 @@
+"""What JAX is at work on: whether values are traced, and how to look at them without their derivatives."""
+
+import dataclasses
+from typing import Any, TypeVar
+
+import equinox as eqx
+import jax
+from jax.core import Tracer
+
+
+Tree = TypeVar("Tree")
+
+
+def is_traced(tree: Any) -> bool:
+    """Whether any leaf is known to a transformation only."""
+    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tree))
+
+
+def frozen(tree: Tree) -> Tree:
+    """The same values, of which nothing is differentiated. Values that are known are left as they are."""
+    stop = lambda leaf: jax.lax.stop_gradient(leaf) if isinstance(leaf, Tracer) and eqx.is_inexact_array(leaf) else leaf
+    return jax.tree.map(stop, tree)
+
+
+def with_parts(module: Tree, **parts: Any) -> Tree:
+    """A copy of a module with some of its parts in the place of others: what `equinox.tree_at` does, in a hundredth of
+    the time, which is spent at every call."""
+    assert dataclasses.is_dataclass(module)
+    copy = object.__new__(type(module))
+    for field in dataclasses.fields(module):
+        object.__setattr__(copy, field.name, parts.get(field.name, getattr(module, field.name)))
+    return copy
