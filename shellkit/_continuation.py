@@ -12,7 +12,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int, Scalar
 
 from ._energy import DiscreteEnergy
-from ._equilibrium import Equilibrium
+from ._equilibrium import Diagnostics, Equilibrium
 from ._geometry.surface import edge_lengths
 from ._holding import Stationary, padded
 from ._problem import InverseProblem
@@ -360,9 +360,9 @@ def _linearised(problem: InverseProblem, y: Float[Array, " k"], progress: Scalar
         forces = jnp.max(jnp.abs(hessian.rows), axis=1)
         lengths = lengths.at[hessian.n :].set(forces / hessian.size_of_diagonal())
         motions, solver = padded(motions, len(forces)), BorderedSolver(solver)
-    hessian, basis, held = held_still(hessian, motions, y)
+    hessian, basis, _ = held_still(hessian, motions, y)
     factor = solver.factorise(hessian)
-    return gradient, change, lambda rhs: solve_held(solver, factor, basis, held, rhs), factor, lengths
+    return gradient, change, lambda rhs: solve_held(solver, factor, basis, rhs), factor, lengths
 
 
 def _with_multipliers(energy: DiscreteEnergy) -> DiscreteEnergy | Stationary:
@@ -384,32 +384,16 @@ def _null(problem: InverseProblem, point: _Point) -> Float[Array, " k"]:
 @eqx.filter_jit
 def _equilibrium(problem: InverseProblem, point: _Point) -> Equilibrium:
     now = problem.at(point.progress)
-    energy = under = now.discrete_energy()
+    energy = now.discrete_energy()
     y, multipliers = _shape(now, point.y), None
     if energy.quantities is not None:
         multipliers = point.y[len(y) :]
-        under = energy.held_by(multipliers)
-    blank = now.unrelaxed()
-    return eqx.tree_at(
-        lambda e: (
-            *(e.vertices, e.directors, e.reactions, e.moments),
-            e.multipliers,
-            e.energy,
-            e.gradient_norm,
-            e.steps,
-            e.stable,
-        ),
-        blank,
-        (
-            *now.posed(under, y),
-            multipliers,
-            energy(y),
-            point.gradient_norm,
-            point.corrections,
-            point.negative == 0,
-        ),
-        is_leaf=lambda x: x is None,
+    found = eqx.tree_at(
+        lambda d: (d.energy, d.gradient_norm, d.steps, d.stable),
+        Diagnostics.of_nothing(),
+        (energy(y), point.gradient_norm, point.corrections, point.negative == 0),
     )
+    return Equilibrium.of(now.mesh, now.rest_shape(), now.posed(energy, y, multipliers=multipliers), found)
 
 
 def _check(problem: InverseProblem, start: Equilibrium | None) -> None:

@@ -12,6 +12,7 @@ from jaxtyping import Array
 from ._design import Design
 from ._fit_step import Evaluation, advance, evaluate, move, strong
 from ._history import Scalar
+from ._same import first_like
 
 
 class Course(NamedTuple):
@@ -72,7 +73,7 @@ class GradientMethod(Method):
     """The optimisers of optax. After a refusal the update is halved, and doubled back as designs are accepted."""
 
     def __init__(self, optimiser: Any):
-        self._optimiser = optimiser
+        self._optimiser = first_like(optimiser)
 
     def begin(self, design: Design, values: dict[str, Array]) -> Course:
         free = strong(design.free(values))

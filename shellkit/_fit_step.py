@@ -1,8 +1,7 @@
 """The compiled parts of a training step. They are functions of the module with everything as an argument, so that each
 is compiled once for a kind of problem: a second fit with other values compiles nothing."""
 
-from collections.abc import Callable
-from typing import Any, Protocol, runtime_checkable
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -10,6 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Scalar
 
 from ._design import Design
+from ._problem import InverseProblem
 from ._waiting import announce
 
 
@@ -27,76 +27,47 @@ class Evaluation(eqx.Module):
     diagnostics: dict[str, Scalar]
 
 
-@runtime_checkable
-class Relaxing(Protocol):
-    """A problem whose relaxation is a program of its own, shared by all who relax it, and whose loss is a function of
-    what that leaves."""
-
-    @property
-    def needs_shape(self) -> bool:
-        """Whether the loss looks at the relaxed shape."""
-        ...
-
-    def relaxed(self, start: Any = None) -> Any:
-        """The relaxation from an equilibrium or (`None`) from rest, of which nothing is differentiated."""
-        ...
-
-    def respond(self, found: Any) -> tuple[Any, tuple[dict[str, Any], Any]]:
-        """What `objective` returns, at the relaxation that was found."""
-        ...
-
-
 def assess(design: Design, free: dict[str, Array], start: Any) -> Evaluation:
     """The loss at the optimiser's variables without its derivative, relaxed from an equilibrium or (`None`) from
     rest."""
-    found = _relaxed(design, free, start)
-    return _assess(design, free, start) if found is None else _assess_found(design, free, found)
+    found = relaxation(design.problem(design.values(free)), start)
+    return _assess(design, free, found, start if found is None else None)
 
 
 def evaluate(design: Design, free: dict[str, Array], start: Any) -> Evaluation:
     """The loss and its derivative in the optimiser's variables, relaxed from an equilibrium or (`None`) from rest."""
-    found = _relaxed(design, free, start)
-    return _evaluate(design, free, start) if found is None else _evaluate_found(design, free, found)
+    found = relaxation(design.problem(design.values(free)), start)
+    return _evaluate(design, free, found, start if found is None else None)
 
 
-def _relaxed(design: Design, free: dict[str, Array], start: Any) -> Any:
-    """What the relaxation of a design leaves; `None` for a problem that has none of its own, or needs none."""
-    problem = design.problem(design.values(free))
-    return problem.relaxed(start) if isinstance(problem, Relaxing) and problem.needs_shape else None
+def relaxation(problem: Any, start: Any) -> Any:
+    """What the relaxation of a problem leaves, by the program that all share; `None` for a problem that has none of its
+    own, or needs none."""
+    return problem.relaxed(start) if isinstance(problem, InverseProblem) and problem.needs_shape else None
+
+
+def objective(problem: Any, found: Any, start: Any) -> tuple[Any, tuple[dict[str, Any], Any]]:
+    """What the method `objective` of a problem returns, at what `relaxation` found."""
+    return problem.objective(start) if found is None else problem.respond(found)
 
 
 @eqx.filter_jit
-def _assess(design: Design, free: dict[str, Array], start: Any) -> Evaluation:
+def _assess(design: Design, free: dict[str, Array], found: Any, start: Any) -> Evaluation:
     values = design.values(free)
-    loss, (terms, equilibrium) = design.problem(values).objective(start=start)
+    loss, (terms, equilibrium) = objective(design.problem(values), found, start)
     return Evaluation(free, values, loss, terms, None, None, equilibrium, _diagnostics(equilibrium))
 
 
 @eqx.filter_jit
-def _assess_found(design: Design, free: dict[str, Array], found: Any) -> Evaluation:
-    values = design.values(free)
-    loss, (terms, equilibrium) = design.problem(values).respond(found)
-    return Evaluation(free, values, loss, terms, None, None, equilibrium, _diagnostics(equilibrium))
-
-
-@eqx.filter_jit
-def _evaluate(design: Design, free: dict[str, Array], start: Any) -> Evaluation:
-    return _with_gradient(design, free, lambda problem: problem.objective(start=start))
-
-
-@eqx.filter_jit
-def _evaluate_found(design: Design, free: dict[str, Array], found: Any) -> Evaluation:
+def _evaluate(design: Design, free: dict[str, Array], found: Any, start: Any) -> Evaluation:
     announce("the gradient of this kind of loss")
-    return _with_gradient(design, free, lambda problem: problem.respond(found))
 
-
-def _with_gradient(design: Design, free: dict[str, Array], loss_of: Callable[[Any], tuple[Any, Any]]) -> Evaluation:
-    def objective(free):
+    def loss_of(free):
         values = design.values(free)
-        loss, (terms, equilibrium) = loss_of(design.problem(values))
+        loss, (terms, equilibrium) = objective(design.problem(values), found, start)
         return loss, (values, terms, equilibrium)
 
-    (loss, (values, terms, equilibrium)), gradient = eqx.filter_value_and_grad(objective, has_aux=True)(free)
+    (loss, (values, terms, equilibrium)), gradient = eqx.filter_value_and_grad(loss_of, has_aux=True)(free)
     norm = jnp.sqrt(sum((jnp.vdot(g, g) for g in jax.tree.leaves(gradient)), jnp.zeros(())))
     return Evaluation(free, values, loss, terms, gradient, norm, equilibrium, _diagnostics(equilibrium))
 
@@ -136,7 +107,11 @@ def predict(design: Design, anchor: dict[str, Array], free: dict[str, Array], eq
     """The equilibrium of a design to first order, from the equilibrium of another: one solve with its Hessian."""
 
     def shape(free):
-        _, (_, found) = design.problem(design.values(free)).objective(start=equilibrium)
+        problem = design.problem(design.values(free))
+        if isinstance(problem, InverseProblem):
+            found = problem.near(equilibrium)
+        else:
+            _, (_, found) = problem.objective(start=equilibrium)
         return found.vertices, found.directors
 
     step = jax.tree.map(jnp.subtract, free, anchor)

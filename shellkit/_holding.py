@@ -92,7 +92,7 @@ def relax_held(
 
         # The gaps as a function of the multipliers have the slope G A⁻¹ Gᵀ at the minimum.
         basis = None if motions is None else orthonormal(motions(point.y))
-        moves = jnp.stack([solve_held(solver.linear_solver, state.factor, basis, state.held, row) for row in rows])
+        moves = jnp.stack([solve_held(solver.linear_solver, state.factor, basis, row) for row in rows])
         slope = jnp.where(exact[:, None] & exact[None, :], rows @ moves.T, jnp.diag(1.0 + zero))
         change = -jnp.linalg.solve(slope, jnp.where(exact, gaps, 0.0))
         simple = jnp.where(exact, -now.penalties * gaps, 0.0)

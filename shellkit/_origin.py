@@ -14,12 +14,13 @@ from jaxtyping import Array, UInt32
 from ._energy import AbstractEnergy, Constraint, EnergyTerm
 from ._mesh.mesh import Mesh
 from ._supports import Supports
+from ._tracing import known
 
 
 _REMEMBERED = 32
 
-# Contents looked at lately, by the identity of the arrays, which are kept alive as long.
-_known: OrderedDict[Any, tuple[np.ndarray, Any]] = OrderedDict()
+# What was found in order lately, by the identity of the arrays, which are kept alive as long.
+_passed: OrderedDict[Any, Any] = OrderedDict()
 
 
 class Origin(eqx.Module):
@@ -31,13 +32,19 @@ class Origin(eqx.Module):
     @classmethod
     def of(cls, mesh: Mesh, energy: AbstractEnergy, supports: Supports | None) -> "Origin":
         """What these parts are; connectivity and selections must be known."""
-        return cls(jnp.asarray(_contents(mesh, energy, supports)), _kind(mesh, energy, supports))
+        return cls(known(_contents(mesh, energy, supports)), _kind(mesh, energy, supports))
 
     def check(self, mesh: Mesh, energy: AbstractEnergy, supports: Supports | None) -> None:
         """Refuse parts that differ from these in more than their numbers.
 
         Where they are traced, kinds and sizes are compared, and what names vertices is not looked at.
         """
+        leaves, structure = jax.tree.flatten((mesh, energy, supports))
+        naming = [leaf for leaf in leaves if _names_vertices(leaf)]
+        traced = any(isinstance(leaf, Tracer) for leaf in (*naming, self.contents))
+        key = (structure, self.kind, id(self.contents), *map(id, naming))
+        if not traced and key in _passed:
+            return
         kind = _kind(mesh, energy, supports)
         for name, now, then in zip(("mesh", "energy", "supports"), kind, self.kind, strict=True):
             if now != then:
@@ -45,8 +52,7 @@ class Origin(eqx.Module):
                     f"The {name} of this InverseProblem was swapped for another kind: it was built for {_said(then)}, "
                     f"and now has {_said(now)}. Build it anew: problem.replace({name}=...)."
                 )
-        integers = [leaf for leaf in jax.tree.leaves((mesh, energy, supports)) if not eqx.is_inexact_array(leaf)]
-        if any(isinstance(leaf, Tracer) for leaf in (*integers, self.contents)):
+        if traced:
             return
         if not np.array_equal(_contents(mesh, energy, supports), np.asarray(self.contents)):
             raise ValueError(
@@ -54,6 +60,9 @@ class Origin(eqx.Module):
                 "built for (connectivity, stencils or selections were changed). Build it anew: problem.replace(mesh="
                 "..., energy=..., supports=...)."
             )
+        _passed[key] = (naming, self.contents)
+        while len(_passed) > _REMEMBERED:
+            _passed.popitem(last=False)
 
 
 def _kind(mesh: Mesh, energy: AbstractEnergy, supports: Supports | None) -> tuple:
@@ -75,23 +84,15 @@ def _names_vertices(leaf: Any) -> bool:
 
 
 def _contents(mesh: Mesh, energy: AbstractEnergy, supports: Supports | None) -> np.ndarray:
-    leaves, structure = jax.tree.flatten((mesh.faces, energy, supports))
-    naming = [leaf for leaf in leaves if _names_vertices(leaf)]
-    key = (structure, *map(id, naming))
-    found = _known.pop(key, None)
-    if found is None:
-        digest = hashlib.blake2b(digest_size=16)
-        for leaf in naming:
+    digest = hashlib.blake2b(digest_size=16)
+    for leaf in jax.tree.leaves((mesh.faces, energy, supports)):
+        if _names_vertices(leaf):
             digest.update(np.ascontiguousarray(leaf).tobytes())
-        for _, term in energy.weighted_terms():
-            measured = term.measure() if isinstance(term, Constraint) else term
-            if isinstance(measured, EnergyTerm):
-                digest.update(np.ascontiguousarray(measured.stencil(mesh), dtype=np.int64).tobytes())
-        found = np.frombuffer(digest.digest(), np.uint32), naming
-    _known[key] = found
-    while len(_known) > _REMEMBERED:
-        _known.popitem(last=False)
-    return found[0]
+    for _, term in energy.weighted_terms():
+        measured = term.measure() if isinstance(term, Constraint) else term
+        if isinstance(measured, EnergyTerm):
+            digest.update(np.ascontiguousarray(measured.stencil(mesh), dtype=np.int64).tobytes())
+    return np.frombuffer(digest.digest(), np.uint32)
 
 
 def _said(kind: tuple) -> str:

@@ -9,11 +9,11 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Scalar
 
 from ._equilibrium import RESULTS, Equilibrium
-from ._problem import InverseProblem
+from ._problem import InverseProblem, Start
+from ._tracing import frozen, is_traced, with_parts
 
 
 _WHOLE = 1 + 1e-9  # a remainder of so many increments is taken in one
@@ -111,9 +111,9 @@ def relax(problem: InverseProblem, path: Ramp | None = None, start: Equilibrium 
     """
     if path is None:
         return problem(start)
-    still = _stop(problem)
+    still = frozen(problem)
     walk, goes_on = _Walk.from_rest(still, path, start), _goes_on(path)
-    if _is_traced((still, start)):
+    if is_traced((still, start)):
         walk = jax.lax.while_loop(goes_on, lambda walk: _advance(still, path, walk)[0], walk)
     else:
         while goes_on(walk):
@@ -141,8 +141,8 @@ def follow(problem: InverseProblem, path: Ramp | None = None, start: Equilibrium
 
     `ValueError` under `jax.jit` and other transformations.
     """
-    still = _stop(problem)
-    if _is_traced((still, start)):
+    still = frozen(problem)
+    if is_traced((still, start)):
         raise ValueError("follow keeps as many equilibria as the path takes steps, so it cannot be traced: use relax.")
     path = Ramp() if path is None else path
     walk, goes_on = _Walk.from_rest(still, path, start), _goes_on(path)
@@ -195,17 +195,13 @@ def _advance(problem: InverseProblem, path: Ramp, walk: _Walk) -> tuple[_Walk, S
     return walk, tried, equilibrium
 
 
-@eqx.filter_jit
 def _relax_at(problem: InverseProblem, progress: Scalar, unknowns: Float[Array, " N"]) -> Equilibrium:
     """Relax with a part of actuation and loads on: compiled once, however many steps a path takes."""
-    shape = problem.assembly.split(unknowns)
-    start = eqx.tree_at(lambda e: (e.vertices, e.directors), problem.unrelaxed(), shape, is_leaf=lambda x: x is None)
-    return problem.at(progress)(start)
+    actuation, energy, supports, shape = _parts_at(problem, progress, unknowns)
+    return with_parts(problem, actuation=actuation, energy=energy, supports=supports)(Start(*shape, None))
 
 
-def _stop(problem: InverseProblem) -> InverseProblem:
-    return jax.tree.map(lambda leaf: jax.lax.stop_gradient(leaf) if eqx.is_inexact_array(leaf) else leaf, problem)
-
-
-def _is_traced(tree) -> bool:
-    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tree))
+@eqx.filter_jit
+def _parts_at(problem: InverseProblem, progress: Scalar, unknowns: Float[Array, " N"]) -> tuple:
+    part = problem.at(progress)
+    return part.actuation, part.energy, part.supports, problem.assembly.split(unknowns)

@@ -26,10 +26,10 @@ from ._papers import BRADBURY_2018, KIDGER_2021, RADER_2024
 from ._precision import require_x64
 from ._relaxation import End, minimised, minimised_held
 from ._rest import RestShape, checked_rest_lengths
-from ._solve.adjoint import MANY, LastFactor, differentiable_minimum
+from ._solve.adjoint import MANY, differentiable_minimum
 from ._solve.bordered import BorderedSolver
 from ._solve.choose import default_direct_solver
-from ._solve.direct import AbstractSparseSolver
+from ._solve.direct import AbstractSparseSolver, LastFactor
 from ._solve.newton import SparseNewton
 from ._solve.operator import SparseSymmetric
 from ._solve.plain import PlainNewton
@@ -52,16 +52,16 @@ class Start(eqx.Module):
     multipliers: Float[Array, " m"] | None
 
     @classmethod
-    def of(cls, mesh: Mesh, n_directors: int, n_constraints: int, equilibrium: Equilibrium | None) -> "Start":
+    def of(cls, mesh: Mesh, assembly: Assembly, start: "Equilibrium | Start | None") -> "Start":
         """An equilibrium, or the surface at rest; what it lacks is zero."""
         found = (mesh.vertices, None, None)
-        if equilibrium is not None:
-            found = (equilibrium.vertices, equilibrium.directors, equilibrium.multipliers)
+        if start is not None:
+            found = (start.vertices, start.directors, start.multipliers)
         zeros = lambda n: jnp.asarray(np.zeros(n))
         return cls(
             found[0],
-            None if n_directors == 0 else zeros(n_directors) if found[1] is None else found[1],
-            None if n_constraints == 0 else zeros(n_constraints) if found[2] is None else found[2],
+            None if assembly.n_directors == 0 else zeros(assembly.n_directors) if found[1] is None else found[1],
+            None if assembly.n_constraints == 0 else zeros(assembly.n_constraints) if found[2] is None else found[2],
         )
 
 
@@ -269,7 +269,7 @@ class InverseProblem(eqx.Module):
             values = values * angles[flat.pattern.rows] * angles[flat.pattern.indices]
         return SparseSymmetric(flat.pattern, values, like=self.assembly.like(vertices.dtype))
 
-    def __call__(self, start: Equilibrium | None = None) -> Equilibrium:
+    def __call__(self, start: Equilibrium | Start | None = None) -> Equilibrium:
         """Relax the shell.
 
         **Arguments:**
@@ -284,7 +284,7 @@ class InverseProblem(eqx.Module):
             return Equilibrium.of(self.mesh, found.rest, found.pose, found.found)
         return self.responding(found)
 
-    def relaxed(self, start: Equilibrium | None = None) -> Relaxed:
+    def relaxed(self, start: Equilibrium | Start | None = None) -> Relaxed:
         """The relaxation alone, of which nothing is differentiated: one compiled program for all problems of a kind,
         whatever their loss, and whoever calls it.
 
@@ -295,7 +295,7 @@ class InverseProblem(eqx.Module):
         self.origin.check(self.mesh, self.energy, self.supports)
         # What is compiled does not depend on the loss, so problems that differ in it share one program.
         bare = with_parts(self, loss=None)
-        begin = Start.of(self.mesh, self.assembly.n_directors, self._exact_constraints(), start)
+        begin = Start.of(self.mesh, self.assembly, start)
         if is_traced((bare, begin)) or not isinstance(self.solver, SparseNewton) or begin.multipliers is not None:
             return _relax(*frozen((bare, self.solver, begin)))
         # Few relaxations need all that the solver can do, which takes long to compile: they go on with it.
@@ -313,11 +313,8 @@ class InverseProblem(eqx.Module):
         - `found`: what `relaxed` returned for this problem at its present arrays.
         """
         bare = with_parts(self, loss=None)
-        rest, pose = _respond(bare, frozen(found))
+        rest, pose = _respond(bare, frozen(found), posed=True)
         return Equilibrium.of(self.mesh, rest, pose, frozen(found.found))
-
-    def _exact_constraints(self) -> int:
-        return sum(isinstance(term, Constraint) for _, term in self.energy.weighted_terms())
 
     def _relaxed(self, solver: optx.AbstractMinimiser, start: Start) -> Relaxed:
         announce("the relaxation of this kind of scene")
@@ -339,7 +336,7 @@ class InverseProblem(eqx.Module):
         stuck = end.result == optx.RESULTS.nonlinear_divergence
         return Relaxed(rest, pose, self._diagnostics(energy, end, pose.vertices), y, stuck, last)
 
-    def _responding(self, found: Relaxed) -> tuple[RestShape, Pose]:
+    def _responding(self, found: Relaxed, posed: bool) -> tuple[RestShape, Pose]:
         rest = self.rest_shape()
         energy = self._discrete_energy(rest)
         motions = frozen(self.rigid_motions(energy))
@@ -349,6 +346,8 @@ class InverseProblem(eqx.Module):
             y = differentiable_minimum(energy, found.y, motions, linear_solver, last)
         else:
             y, multipliers = differentiable_held(energy, found.y, multipliers, motions, linear_solver)
+        if not posed:
+            return rest, Pose(*energy.state(y), multipliers=multipliers)
         return rest, self.posed(energy, y, motions, multipliers)
 
     def _diagnostics(self, energy: DiscreteEnergy, end: End, vertices: Float[Array, "V 3"]) -> Diagnostics:
@@ -401,7 +400,12 @@ class InverseProblem(eqx.Module):
 
         **Raises:** `ValueError` if there is no loss.
         """
-        return self._assessed(self.responding(found))
+        if self.loss is None or self.loss.sees_motion or self.supports is not None:
+            return self._assessed(self.responding(found))
+        # A loss that a rigid motion does not change is spared the derivative of the pose.
+        rest, pose = _respond(with_parts(self, loss=None), frozen(found), posed=False)
+        value, (terms, _) = self._assessed(Equilibrium.of(self.mesh, rest, pose, found.found))
+        return value, (terms, Equilibrium.of(self.mesh, rest, found.pose, found.found))
 
     def _assessed(self, equilibrium: Equilibrium) -> tuple[Scalar, tuple[dict[str, Scalar], Equilibrium]]:
         if self.loss is None:
@@ -414,6 +418,33 @@ class InverseProblem(eqx.Module):
         is none."""
         value, (terms, _) = self.objective()
         return value, terms
+
+    def near(self, equilibrium: Equilibrium) -> Equilibrium:
+        """An equilibrium of this problem that was found before, as a function of every array of the problem, to first
+        order: for many products with its derivative.
+
+        Nothing is relaxed. The Hessian is factorised once, and each product with the Jacobian (`jax.linearize`) or its
+        transpose (`jax.linear_transpose`) is then one sweep. Second derivatives would be wrong.
+
+        **Arguments:**
+
+        - `equilibrium`: of this problem at its present arrays.
+        """
+        rest, pose = _near(with_parts(self, loss=None), equilibrium)
+        return Equilibrium.of(self.mesh, rest, pose, frozen(equilibrium.diagnostics))
+
+    def _near(self, equilibrium: Equilibrium) -> tuple[RestShape, Pose]:
+        rest = self.rest_shape()
+        energy, solver = self._discrete_energy(rest), self.linear_solver()
+        y = self.assembly.restrict(self.assembly.join(equilibrium.vertices, equilibrium.directors))
+        motions, multipliers = frozen(self.rigid_motions(energy)), equilibrium.multipliers
+        if multipliers is None:
+            y = responding_minimum(energy, y, motions, solver)
+        else:
+            z, m = jnp.concatenate([y, multipliers]), len(multipliers)
+            z = responding_minimum(Stationary(energy), z, padded(motions, m), BorderedSolver(solver))
+            y, multipliers = z[:-m], z[-m:]
+        return rest, self.posed(energy, y, motions, multipliers)
 
     def residuals(self, equilibrium: Equilibrium) -> Float[Array, " m"]:
         """The numbers whose squares sum to the loss, at an equilibrium of this problem that was found before: what
@@ -431,21 +462,7 @@ class InverseProblem(eqx.Module):
         """
         if self.loss is None:
             raise ValueError("This InverseProblem has no loss: give it one, such as loss=sk.VertexDistance(target).")
-        if self.loss.needs_shape:
-            rest = self.rest_shape()
-            energy, solver = self._discrete_energy(rest), self.linear_solver()
-            y = self.assembly.restrict(self.assembly.join(equilibrium.vertices, equilibrium.directors))
-            motions, multipliers = frozen(self.rigid_motions(energy)), equilibrium.multipliers
-            if multipliers is None:
-                y = responding_minimum(energy, y, motions, solver)
-            else:
-                z, m = jnp.concatenate([y, multipliers]), len(multipliers)
-                z = responding_minimum(Stationary(energy), z, padded(motions, m), BorderedSolver(solver))
-                y, multipliers = z[:-m], z[-m:]
-            pose = self.posed(energy, y, motions, multipliers)
-            equilibrium = Equilibrium.of(self.mesh, rest, pose, equilibrium.diagnostics)
-        else:
-            equilibrium = self.unrelaxed()
+        equilibrium = self.near(equilibrium) if self.loss.needs_shape else self.unrelaxed()
         found = self.loss.residuals(equilibrium, self.actuation)
         if found is None:
             other = [term.name for term in self.loss.terms_without_residuals(equilibrium, self.actuation)]
@@ -530,8 +547,13 @@ def _relax(problem: InverseProblem, solver: optx.AbstractMinimiser, start: Start
 
 
 @eqx.filter_jit
-def _respond(problem: InverseProblem, found: Relaxed) -> tuple[RestShape, Pose]:
-    return problem._responding(found)
+def _respond(problem: InverseProblem, found: Relaxed, posed: bool) -> tuple[RestShape, Pose]:
+    return problem._responding(found, posed)
+
+
+@eqx.filter_jit
+def _near(problem: InverseProblem, equilibrium: Equilibrium) -> tuple[RestShape, Pose]:
+    return problem._near(equilibrium)
 
 
 @eqx.filter_jit

@@ -10,13 +10,12 @@ from jaxtyping import Array, Bool, Float, Int, Scalar
 from ._energy import DiscreteEnergy
 from ._geometry.patches import Triangles
 from ._holding import Held, relax_held
-from ._solve.adjoint import LastFactor
 from ._solve.bordered import BorderedSolver
-from ._solve.direct import AbstractSparseSolver, Factor
+from ._solve.direct import AbstractSparseSolver, Factor, LastFactor
 from ._solve.motions import held_still
 from ._solve.newton import NewtonState, SparseNewton
 from ._solve.operator import SparseSymmetric
-from ._solve.plain import PlainNewton, PlainState
+from ._solve.plain import PlainState
 from ._symmetries import FreeMotions
 
 
@@ -69,8 +68,8 @@ def minimised(
         value, gradient = point.value, point.gradient
         stable = solution.result == optx.RESULTS.successful
         factorisations = solution.stats["factorisations"]
-        factor = solution.state.factor
-        last = LastFactor.of(factor, solution.state.held) if isinstance(factor, Factor) else None
+        last = solution.state.factor
+        last = LastFactor.of(last) if isinstance(last, Factor) else last
     else:
         last = None
         value, gradient = energy.value_and_gradient(solution.value)
@@ -127,5 +126,6 @@ def minimiser_options(energy: DiscreteEnergy, motions: FreeMotions | None, lengt
         "feasible": Feasible(energy),
         "motions": motions,
         "length": length,
+        "structure": energy.blank_hessian,
         "apart": (energy.faces_at, energy.derivatives_apart) if bends else None,
     }

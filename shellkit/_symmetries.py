@@ -84,9 +84,7 @@ def _turns(vertices: Float[Array, "V 3"], edges: Int[Array, "m 2"]) -> Float[Arr
     return jnp.concatenate([jnp.zeros_like(along), along / jnp.linalg.norm(along, axis=1, keepdims=True)], axis=1)
 
 
-def free_motions(
-    energy: DiscreteEnergy, mesh: Mesh, supports: Supports | None, count: int
-) -> FreeMotions | None:
+def free_motions(energy: DiscreteEnergy, mesh: Mesh, supports: Supports | None, count: int) -> FreeMotions | None:
     """The rigid motions that no support hinders and no term resists, where they are now; `None` if there is none.
 
     Functions of the fundamental forms resist none. Other terms are asked: a motion is free if their gradient does no

@@ -5,6 +5,7 @@ from typing import Any, TypeVar
 
 import equinox as eqx
 import jax
+import numpy as np
 from jax.core import Tracer
 
 
@@ -30,3 +31,10 @@ def with_parts(module: Tree, **parts: Any) -> Tree:
     for field in dataclasses.fields(module):
         object.__setattr__(copy, field.name, parts.get(field.name, getattr(module, field.name)))
     return copy
+
+
+def known(values: np.ndarray) -> jax.Array:
+    """An array of numbers that are known, also where a transformation is at work: connectivity and numbering, which
+    are looked at on the host. Nothing is compiled, where `jnp.asarray` compiles a copy for each shape."""
+    with jax.ensure_compile_time_eval():
+        return jax.device_put(values)

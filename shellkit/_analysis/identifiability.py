@@ -13,6 +13,7 @@ from jaxtyping import Array, ArrayLike, Float, PyTree
 from .._design import Design, split
 from .._equilibrium import Equilibrium
 from .._problem import InverseProblem
+from .._solve.motions import orthonormal
 
 
 _BLOCK = 32  # directions a call
@@ -272,12 +273,13 @@ def _shape(design: Design, values: dict[str, Array], scales: dict[str, Array], e
     problem = design.problem(values)
     assembly, size = problem.assembly, 3 * problem.mesh.n_vertices
     basis = None
-    if problem.motions is not None:
-        motions = problem.motions(assembly.restrict(assembly.join(equilibrium.vertices, equilibrium.directors)))
+    motions = problem.rigid_motions()
+    if motions is not None:
+        motions = motions(assembly.restrict(assembly.join(equilibrium.vertices, equilibrium.directors)))
         still = jnp.zeros(assembly.size)
         field = lambda motion: assembly.split(assembly.extend(motion, still))[0].reshape(-1)
         fields = jax.vmap(field, in_axes=1, out_axes=1)(motions)
-        basis = jax.lax.stop_gradient(jnp.linalg.qr(fields)[0])
+        basis = orthonormal(jax.lax.stop_gradient(fields))
 
     def shape(change: Float[Array, " n"]) -> Float[Array, " m"]:
         moved, at = {}, 0
@@ -285,7 +287,7 @@ def _shape(design: Design, values: dict[str, Array], scales: dict[str, Array], e
             value = values[name]
             moved[name] = value + scales[name] * change[at : at + value.size].reshape(value.shape)
             at += value.size
-        vertices = design.problem(moved)(equilibrium).vertices.reshape(-1)
+        vertices = design.problem(moved).near(equilibrium).vertices.reshape(-1)
         if basis is not None:
             vertices = vertices - basis @ (basis.T @ vertices)
         return vertices / jnp.sqrt(size / 3)

@@ -16,6 +16,7 @@ from .._problem import InverseProblem
 from .._solve.bordered import Bordered, BorderedFactor, BorderedSolver
 from .._solve.direct import Factor
 from .._solve.operator import SparseSymmetric
+from .._tracing import with_parts
 
 
 # Shifts are in units of the largest ratio of stiffness to mass at one unknown. The smallest leaves the matrix of a free
@@ -105,6 +106,9 @@ def vibration_modes(problem: InverseProblem, count: int = 10, equilibrium: Equil
             pencil = _pencil(problem, equilibrium)
     else:
         pencil = _pencil(problem, equilibrium)
+    if pencil.rigid is not None:
+        free = np.asarray(jnp.any(pencil.rigid != 0, axis=1))
+        pencil = with_parts(pencil, rigid=pencil.rigid[free] if free.any() else None)
     solver = problem.linear_solver()
     if isinstance(pencil.stiffness, Bordered):
         solver = BorderedSolver(solver)
@@ -132,8 +136,7 @@ def vibration_modes(problem: InverseProblem, count: int = 10, equilibrium: Equil
 def _check_count(problem: InverseProblem, count: int) -> None:
     free, massive = problem.assembly.free, 3 * problem.mesh.n_vertices
     available = massive if free is None else int(np.count_nonzero(np.asarray(free) < massive))
-    if problem.motions is not None:
-        available -= problem.motions.count
+    available -= problem.most_motions
     available -= sum(isinstance(term, Constraint) for _, term in problem.energy.weighted_terms())
     if not 1 <= count <= available // 2:
         raise ValueError(
@@ -148,7 +151,7 @@ class _Pencil(eqx.Module):
     stiffness: SparseSymmetric | Bordered
     mass: Float[Array, " n"]
     rigid: Float[Array, "k n"] | None
-    """One a row, orthonormal in the mass."""
+    """One a row, orthonormal in the mass; zeros for one that something hinders, until they are left out."""
     imbalance: Scalar
     """The largest force, as the part of an edge by which it would move its vertex."""
     unit: Scalar
@@ -192,6 +195,8 @@ def _pencil(problem: InverseProblem, equilibrium: Equilibrium) -> _Pencil:
     if motions is not None:
         fields = motions(y)
         gram = fields.T @ (mass[:, None] * fields)
+        absent = jnp.diagonal(gram) == 0
+        gram = gram + jnp.diag(absent.astype(gram.dtype))
         rigid = jax.scipy.linalg.solve_triangular(jnp.linalg.cholesky(gram), fields.T, lower=True)
     diagonal = jnp.abs(matrix.values[matrix.pattern.diagonal])
     force = jnp.max(jnp.abs(energy.gradient(y)))

@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Float, PyTree, Scalar
 
 from .._design import Design, split
 from .._equilibrium import Equilibrium
+from .._fit_step import objective, relaxation
 from .._problem import InverseProblem
 
 
@@ -138,14 +139,19 @@ def _direction(values: dict[str, Array], rng: np.random.Generator) -> dict[str, 
     return {name: jnp.asarray(sizes[name] * rng.normal(size=value.shape)) for name, value in values.items()}
 
 
-@eqx.filter_jit
 def _derivatives(
     design: Design, values: dict[str, Array], direction: dict[str, Array]
 ) -> tuple[Scalar, Scalar, Equilibrium]:
     """The derivative of the loss along a direction, by adjoint and by tangent, and the equilibrium."""
+    return _responses(design, values, direction, relaxation(design.problem(values), None))
 
+
+@eqx.filter_jit
+def _responses(
+    design: Design, values: dict[str, Array], direction: dict[str, Array], found: Any
+) -> tuple[Scalar, Scalar, Equilibrium]:
     def loss(values):
-        value, (_, equilibrium) = design.problem(values).objective()
+        value, (_, equilibrium) = objective(design.problem(values), found, None)
         return value, equilibrium
 
     value, forward, equilibrium = jax.linearize(loss, values, has_aux=True)
@@ -154,13 +160,22 @@ def _derivatives(
     return adjoint, forward(direction), equilibrium
 
 
-@eqx.filter_jit
 def _loss_along(
     design: Design, values: dict[str, Array], direction: dict[str, Array], h: Scalar, start: Equilibrium
 ) -> tuple[Scalar, Bool[Array, ""]]:
     """The loss some way along a direction, on the branch of equilibria that `start` is on; and if it converged."""
-    moved = jax.tree.map(lambda value, along: value + h * along, values, direction)
-    value, (_, equilibrium) = design.problem(moved).objective(start)
+    moved = _moved(values, direction, h)
+    return _loss_at(design, moved, relaxation(design.problem(moved), start))
+
+
+@eqx.filter_jit
+def _moved(values: dict[str, Array], direction: dict[str, Array], h: Scalar) -> dict[str, Array]:
+    return jax.tree.map(lambda value, along: value + h * along, values, direction)
+
+
+@eqx.filter_jit
+def _loss_at(design: Design, values: dict[str, Array], found: Any) -> tuple[Scalar, Bool[Array, ""]]:
+    value, (_, equilibrium) = objective(design.problem(values), found, None)
     return value, equilibrium.converged
 
 

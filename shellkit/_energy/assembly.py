@@ -17,6 +17,7 @@ from .._mesh.mesh import Mesh
 from .._solve.operator import SparseSymmetric
 from .._solve.pattern import SymmetricPattern
 from .._supports.base import Supports
+from .._tracing import known
 from .base import AbstractEnergy, EnergyTerm, FormEnergy
 from .constraints import Constraint
 from .convexity import Blocks, FaceHessians, negative_part
@@ -45,6 +46,7 @@ class Assembly(eqx.Module):
     director_length: Scalar | None  # what one radian counts as; None without free directors
     n_vertices: int = eqx.field(static=True)
     n_directors: int = eqx.field(static=True)
+    n_constraints: int = eqx.field(static=True)
 
     @classmethod
     def of(cls, energy: AbstractEnergy, mesh: Mesh, supports: Supports | None = None) -> "Assembly":
@@ -92,26 +94,27 @@ class Assembly(eqx.Module):
             blocks = _face_entries(entries.pop(0), pattern.nnz)
             targets = np.concatenate([block.reshape(-1) for block in blocks])
             face_numbers = np.flatnonzero(targets < pattern.nnz).astype(np.int32)
-            face_numbers, face_entries = jnp.asarray(face_numbers), jnp.asarray(targets[face_numbers])
+            face_numbers, face_entries = known(face_numbers), known(targets[face_numbers])
         by_term = iter(entries)
         element_entries = tuple(
-            None if term.linear else jnp.asarray(next(by_term).reshape(len(s), s.shape[1], 3, s.shape[1], 3))
+            None if term.linear else known(next(by_term).reshape(len(s), s.shape[1], 3, s.shape[1], 3))
             for term, s in zip(own, stencils, strict=True)
         )
         if turned is not None:
             frames, pattern = Frames.of(*turned, pattern, np.flatnonzero(~listed), held, mesh.n_vertices)
         return cls(
-            free=jnp.asarray(np.flatnonzero(~held).astype(np.int32)) if held.any() else None,
+            free=known(np.flatnonzero(~held).astype(np.int32)) if held.any() else None,
             frames=frames,
             pattern=pattern,
-            stencils=tuple(jnp.asarray(stencil.astype(np.int32)) for stencil in stencils),
-            face_unknowns=None if face_nodes is None else jnp.asarray(_unknowns(face_nodes, mesh.n_vertices)),
+            stencils=tuple(known(stencil.astype(np.int32)) for stencil in stencils),
+            face_unknowns=None if face_nodes is None else known(_unknowns(face_nodes, mesh.n_vertices)),
             face_numbers=face_numbers,
             face_entries=face_entries,
             element_entries=element_entries,
             director_length=_mean_edge_length(mesh) if directors else None,
             n_vertices=mesh.n_vertices,
             n_directors=directors,
+            n_constraints=sum(isinstance(term, Constraint) for term in terms),
         )
 
     @property
@@ -233,7 +236,7 @@ def _mean_edge_length(mesh: Mesh) -> Array:
     if isinstance(mesh.vertices, Tracer):
         return jax.lax.stop_gradient(jnp.mean(edge_lengths(mesh.vertices, mesh)))
     ends = np.asarray(mesh.vertices)[np.asarray(mesh.edges)]
-    return jnp.asarray(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).mean())
+    return known(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).mean())
 
 
 def _check_stencil(name: str, stencil: np.ndarray, mesh: Mesh) -> None:

@@ -54,7 +54,10 @@ class FaceHessians(eqx.Module):
         """The first part, in the unknowns."""
         # Sums are spelled out over the numbers, and stay elementwise over faces; as products of small matrices they
         # took twice as long.
-        carried = _total([self.intrinsic[:, b, None] * self.corners[b] for b in range(len(self.intrinsic))])
+        corners = list(self.corners)
+        carried = jnp.stack(
+            [_total([number * c for number, c in zip(row, corners, strict=True)]) for row in self.intrinsic]
+        )
         return self._in_unknowns(carried, self.intrinsic[3:, 3:])
 
     def lift(self) -> Blocks:

@@ -1,7 +1,6 @@
 """The energy of one scene at given parameters, as a function of its free unknowns: what a minimiser works on."""
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Scalar
 
@@ -155,6 +154,14 @@ class DiscreteEnergy(eqx.Module):
         if held is not None:
             hessian = Bordered(hessian, self.rows(y), 1 / held.penalties, eliminated=True)
         return total, self.assembly.restrict(gradient), hessian, convexification
+
+    def blank_hessian(self, y: Float[Array, " n"]) -> SparseSymmetric | Bordered:
+        """A matrix of the structure of the Hessian in `derivatives`, of zeros."""
+        blank = SparseSymmetric(self.assembly.pattern, jnp.zeros(self.assembly.pattern.nnz, y.dtype))
+        if self.quantities is None:
+            return blank
+        m = len(self.quantities.targets)
+        return Bordered(blank, jnp.zeros((m, len(y)), y.dtype), jnp.zeros(m, y.dtype), eliminated=True)
 
     def rows(self, y: Float[Array, " n"]) -> Float[Array, "m n"]:
         """The gradients, in the free unknowns, of the quantities that are held."""

@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._solve.pattern import SymmetricPattern
+from .._tracing import known
 
 
 class Frames(eqx.Module):
@@ -61,11 +62,11 @@ class Frames(eqx.Module):
         blocks[block, axis(rows[entries]), axis(columns[entries])] = entries
         own = pairs[:, 0] == pairs[:, 1]
         blocks[own] = np.minimum(blocks[own], np.swapaxes(blocks[own], 1, 2))
-        as_indices = lambda a: jnp.asarray(a.astype(np.int32))
+        as_indices = lambda a: known(a.astype(np.int32))
         left, right = frame[pairs].T
         return cls(
             vertices=as_indices(vertices),
-            axes=jnp.asarray(axes),
+            axes=known(axes),
             blocks=as_indices(blocks),
             left=as_indices(left),
             right=as_indices(right),

@@ -1,5 +1,5 @@
-"""Derivatives in the intrinsic numbers of a face, its squared edge lengths and half hinge angles, from those in what its
-two forms are linear in: the same lengths, and what each edge adds to the curvature form.
+"""Derivatives in the intrinsic numbers of a face, its squared edge lengths and half hinge angles, from those in what
+its two forms are linear in: the same lengths, and what each edge adds to the curvature form.
 
 The terms of a sum are differentiated in the latter by automatic differentiation, elementwise over all faces. What leads
 from there to the numbers is the same for all terms, and written by hand: it is a tenth of the operations, and of the
@@ -97,11 +97,14 @@ def first_derivatives(density: Density, at: Float[Array, "k F"]) -> tuple[Float[
 
 
 def second_derivatives(density: Density, at: Float[Array, "k F"]) -> Float[Array, "k k F"]:
-    """Second derivatives of the energy of every face in each pair of its arguments: forward tangents in all of them at
-    once, an axis more, so that one kernel does them all."""
-    along = jnp.broadcast_to(jnp.eye(len(at), dtype=at.dtype)[:, :, None], (len(at), *at.shape))
+    """Second derivatives of the energy of every face in each pair of its arguments: one forward tangent each, the
+    others symbolically zero."""
     slopes = lambda *arguments: jnp.stack(jax.vjp(density, *arguments)[1](jnp.ones_like(at[0])))
-    return jax.vmap(lambda tangent: jax.jvp(slopes, tuple(at), tuple(tangent))[1])(along)
+    columns = []
+    for i, number in enumerate(at):
+        along = lambda x, i=i: slopes(*at[:i], x, *at[i + 1 :])
+        columns.append(jax.jvp(along, (number,), (jnp.ones_like(number),))[1])
+    return jnp.stack(columns)
 
 
 def _sum(values: Float[Array, "3 F"]) -> Float[Array, " F"]:

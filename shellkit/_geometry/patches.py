@@ -181,13 +181,24 @@ def hinge_curvature(triangles: Triangles, stress: Float[Array, "3 F"]) -> Float[
     by_length = (0.5 * inverse_length**2 * stress)[:, None] * inward
     mixed = (inverse_height * inverse_length * stress)[:, None] * along
 
-    against_normal = sum(
-        SIGN[i][None, :, None, None]
-        * (SIGN[i][:, None, None, None] * by_length[i] + weight[i][:, None, None] * mixed[i])
-        + (weight[i][:, None] * weight[i])[:, :, None] * by_height[i]
-        for i in range(3)
-    )
+    # Taken apart once: each slice that stands in the program costs time to compile.
+    weights = [list(row) for row in weight]
+    by_height, by_length, mixed = list(by_height), list(by_length), list(mixed)
+
+    def entry(p, q):
+        total = sum(weights[i][p] * weights[i][q] * by_height[i] for i in range(3))
+        for i in range(3):
+            if i != q:
+                along_edge = weights[i][p] * mixed[i]
+                total = total + SIGN[i, q] * (along_edge if i == p else along_edge + SIGN[i, p] * by_length[i])
+        return total
+
+    against_normal = jnp.stack([entry(p, q) for p in range(3) for q in range(3)])
     # Kept in memory, or XLA computes it again for every block.
     against_normal, normal = jax.lax.optimization_barrier((against_normal, normal))
-    above, below = (jnp.stack([against_normal[pair[::step]] for pair in CORNER_PAIRS]) for step in (1, -1))
-    return above[:, :, None] * normal + normal[:, None] * below[:, None]
+    return jnp.stack(
+        [
+            against_normal[3 * p + q][:, None] * normal + normal[:, None] * against_normal[3 * q + p]
+            for p, q in CORNER_PAIRS
+        ]
+    )

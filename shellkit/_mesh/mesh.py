@@ -13,6 +13,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
 from .._precision import require_x64
+from .._tracing import known
 from . import files
 from .connectivity import connect, listed
 from .quality import MeshQuality, measure
@@ -75,14 +76,14 @@ class Mesh(eqx.Module):
         connectivity = connect(corners, points.shape[0])
         if isinstance(points, np.ndarray):
             _check_areas(points, corners)
-        self.vertices = jnp.asarray(points)
-        self.faces = jnp.asarray(corners.astype(np.int32))
-        self.edges = jnp.asarray(connectivity.edges)
-        self.edge_faces = jnp.asarray(connectivity.edge_faces)
-        self.edge_corners = jnp.asarray(connectivity.edge_corners)
-        self.face_edges = jnp.asarray(connectivity.face_edges)
-        self.twins = jnp.asarray(connectivity.twins)
-        self.face_opposite = jnp.asarray(connectivity.face_opposite)
+        self.vertices = known(points) if isinstance(points, np.ndarray) else points
+        self.faces = known(corners.astype(np.int32))
+        self.edges = known(connectivity.edges)
+        self.edge_faces = known(connectivity.edge_faces)
+        self.edge_corners = known(connectivity.edge_corners)
+        self.face_edges = known(connectivity.face_edges)
+        self.twins = known(connectivity.twins)
+        self.face_opposite = known(connectivity.face_opposite)
         self.vertex_data = _data(vertex_data, "vertex", points.shape[0])
         self.face_data = _data(face_data, "face", len(corners))
 

@@ -6,11 +6,11 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Bool, Float, Int, PyTree
+from jaxtyping import Array, Bool, Float
 
 from .._tracing import frozen
 from .bordered import Bordered, BorderedSolver
-from .direct import AbstractDirectSolver, AbstractSparseSolver, Factor
+from .direct import AbstractDirectSolver, AbstractSparseSolver, LastFactor
 from .motions import held_still, project_out
 from .newton import solve_held
 from .pattern import SymmetricPattern
@@ -18,29 +18,10 @@ from .pattern import SymmetricPattern
 
 _RESIDUAL = 1e-13  # at which the solution of the adjoint system is taken as exact
 _ERROR = 1e-12  # or at this error in the norm of the energy, both relative
+_WORST_FIRST = 3e-5  # of a direct solver's first solution, which one correction then squares
 _WORST_RESIDUAL = 1e-9  # above which it is not a solution
 _MAX_STEPS = 20
 MANY = 3000  # unknowns from which a factorisation costs more than the sweeps with an older one
-
-
-class LastFactor(eqx.Module):
-    """The factor with which a relaxation ended, of a Hessian near the minimum, and the coordinates held in it; without
-    the pattern, which its user has."""
-
-    values: Float[Array, " nnz"]
-    token: PyTree[Array]
-    negative: Int[Array, ""]
-    ok: Bool[Array, ""]
-    held: Int[Array, " k"] | None
-
-    @classmethod
-    def of(cls, factor: Factor, held: Int[Array, " k"] | None) -> "LastFactor":
-        """What is kept of a factor."""
-        return cls(factor.values, factor.token, factor.negative, factor.ok, held)
-
-    def factor(self, pattern: SymmetricPattern) -> Factor:
-        """The factor, for a matrix of this pattern."""
-        return Factor(pattern, self.values, self.token, self.negative, self.ok)
 
 
 def differentiable_minimum(
@@ -100,22 +81,28 @@ def _solve(energy, y, force, motions, linear_solver, last) -> Float[Array, " n"]
     product = lambda direction: jax.jvp(energy.gradient, (y,), (direction,))[1]
     there = jax.lax.stop_gradient(y)
     hessian = frozen(energy).hessian(there)
-    still, basis, held = held_still(hessian, motions, there)
-    # With multipliers the matrix is indefinite, where conjugate gradients may break down.
-    iterate = _refinement if isinstance(hessian, Bordered) else _conjugate_gradients
+    still, basis, _ = held_still(hessian, motions, there)
 
     def anew(rhs):
         """With a factor of this very Hessian, in a step or two."""
-        factor, first = linear_solver.factorise_and_solve(still, rhs if held is None else rhs.at[held].set(0.0))
-        precondition = lambda residual: solve_held(linear_solver, factor, basis, held, residual, checked=False)
-        return iterate(hessian.mv, precondition, rhs, project_out(basis, first), _MAX_STEPS).checked()
+        factor, first = linear_solver.factorise_and_solve(still, rhs)
+        first = project_out(basis, first)
+        precondition = lambda residual: solve_held(linear_solver, factor, basis, residual, checked=False)
+        if isinstance(linear_solver, AbstractDirectSolver):
+            # What its solution leaves is a few roundings; taken away once more, those of the matrix are left.
+            left = project_out(basis, rhs - hessian.mv(first))
+            solved = jnp.linalg.norm(left) <= _WORST_FIRST * jnp.linalg.norm(rhs)
+            return jnp.where(solved, first + precondition(left), jnp.nan)
+        # With multipliers the matrix is indefinite, where conjugate gradients may break down.
+        iterate = _refinement if isinstance(hessian, Bordered) else _conjugate_gradients
+        return iterate(hessian.mv, precondition, rhs, first, _MAX_STEPS).checked()
 
     def with_last(rhs):
         """With the last one, unless that takes longer."""
         left, pattern = last
         factor = left.factor(pattern)
-        precondition = lambda residual: solve_held(linear_solver, factor, basis, left.held, residual, checked=False)
-        found = iterate(hessian.mv, precondition, rhs, precondition(rhs), _patience(len(rhs)))
+        precondition = lambda residual: solve_held(linear_solver, factor, basis, residual, checked=False)
+        found = _conjugate_gradients(hessian.mv, precondition, rhs, precondition(rhs), _patience(len(rhs)))
         return jax.lax.cond(found.solved, lambda: found.x, lambda: anew(rhs))
 
     solve = anew if last is None else with_last

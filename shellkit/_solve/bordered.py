@@ -70,9 +70,9 @@ class Bordered(lx.AbstractLinearOperator):
         """This matrix plus another one of the pattern of the sparse part, given by its values."""
         return self._with(self.sparse.plus(values), self.rows)
 
-    def holding(self, coordinates: Int[Array, " k"]) -> "Bordered":
-        """This matrix with the rows and columns of some coordinates of the sparse part cleared."""
-        return self._with(self.sparse.holding(coordinates), self.rows.at[:, coordinates].set(0.0))
+    def gauged(self, coordinates: Int[Array, " k"], stiffness: Float[Array, ""]) -> "Bordered":
+        """This matrix with a spring on some coordinates of the sparse part."""
+        return self._with(self.sparse.gauged(coordinates, stiffness), self.rows)
 
     def _with(self, sparse: SparseSymmetric, rows: Array) -> "Bordered":
         return Bordered(sparse, rows, self.compliances, self.eliminated)

@@ -33,6 +33,25 @@ class Factor(eqx.Module):
     """Whether the factorisation succeeded, with no pivot lost to rounding."""
 
 
+class LastFactor(eqx.Module):
+    """A factor without the pattern, which its user has: that with which a relaxation ended, of a Hessian near the
+    minimum."""
+
+    values: Float[Array, " nnz"]
+    token: PyTree[Array]
+    negative: Int[Array, ""]
+    ok: Bool[Array, ""]
+
+    @classmethod
+    def of(cls, factor: Factor) -> "LastFactor":
+        """What is kept of a factor."""
+        return cls(factor.values, factor.token, factor.negative, factor.ok)
+
+    def factor(self, pattern: SymmetricPattern) -> Factor:
+        """The factor, for a matrix of this pattern."""
+        return Factor(pattern, self.values, self.token, self.negative, self.ok)
+
+
 class AbstractSparseSolver(lx.AbstractLinearSolver[Factor]):
     """A solver of systems with a [`SparseSymmetric`][] matrix, in two steps.
 

@@ -1,7 +1,8 @@
 """Motions that cost nothing: the null space of a Hessian that is known beforehand, and how to solve in spite of it.
 
-As many coordinates are held as there are free motions, which makes the matrix regular without changing the minimum;
-and the free motions are projected out of right-hand side and solution, which then is that of the pseudo-inverse.
+As many coordinates as there are free motions are held by springs, which makes the matrix regular without changing the
+minimum; and the free motions are projected out of right-hand side and solution, which then is that of the
+pseudo-inverse.
 """
 
 from collections.abc import Callable
@@ -74,11 +75,12 @@ def coordinates_to_hold(basis: Float[Array, "n k"]) -> Int[Array, " k"]:
 def held_still(
     operator: Operator, motions: Callable[[Array], Array] | None, y: Float[Array, " n"]
 ) -> tuple[Operator, Float[Array, "n k"] | None, Int[Array, " k"] | None]:
-    """The operator with as many coordinates held as motions cost nothing at `y`, an orthonormal basis of these, and the
-    coordinates; without motions the operator as it is."""
+    """The operator with springs on as many coordinates as motions cost nothing at `y`, an orthonormal basis of these,
+    and the coordinates; without motions the operator as it is."""
     if motions is None:
         return operator, None, None
     basis = orthonormal(motions(y))
     held = coordinates_to_hold(basis)
     # Or what makes the matrix would be compiled into each use of it, and done twice.
-    return jax.lax.optimization_barrier(operator).holding(held), basis, held
+    operator = jax.lax.optimization_barrier(operator)
+    return operator.gauged(held, operator.size_of_diagonal()), basis, held

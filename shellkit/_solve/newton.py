@@ -48,6 +48,7 @@ class Scene(eqx.Module):
     motions: Callable[[Array], Array] | None
     length: Scalar
     apart: Apart | None
+    structure: Callable[[Array], SparseSymmetric | Bordered]  # a matrix like the Hessian, whose values do not count
 
 
 def scene_of(fn: Callable, args: Any, options: dict[str, Any]) -> Scene:
@@ -58,13 +59,15 @@ def scene_of(fn: Callable, args: Any, options: dict[str, Any]) -> Scene:
             "or use an InverseProblem, which does; optimistix.BFGS and optimistix.NonlinearCG need none."
         )
     first = options.get("value_and_gradient", jax.value_and_grad(lambda y: fn(y, args)[0]))
+    derivatives = options.get("derivatives", lambda y: (*first(y), options["hessian"](y), None))
     return Scene(
         value_and_gradient=first,
-        derivatives=options.get("derivatives", lambda y: (*first(y), options["hessian"](y), None)),
+        derivatives=derivatives,
         feasible=options.get("feasible", lambda y, y_new: jnp.array(True)),
         motions=options.get("motions"),
         length=jnp.asarray(options.get("length", 1.0)),
         apart=None if options.get("apart") is None else Apart(*options["apart"]),
+        structure=options.get("structure", lambda y: derivatives(y)[2]),
     )
 
 
@@ -74,7 +77,6 @@ class NewtonState(eqx.Module):
     point: Point
     shift: Scalar
     factor: Factor | BorderedFactor
-    held: Int[Array, " k"] | None  # the coordinates that were held in the factor
     factorisations: Int[Array, ""]
     leaving: Bool[Array, ""]  # a saddle was reached: the next step leads off it
     mixed: Mixed | None
@@ -110,6 +112,8 @@ class SparseNewton(optx.AbstractMinimiser):
     - `options["apart"]`: the energy with its strains as unknowns of their own, for steps in narrow valleys: a pair of
         `y -> ` the strains, and `(y, strains, at_strains) -> ` what `options["derivatives"]` gives, at those strains or
         at those of `y`, and `step -> ` the strains to which it leads. Without it there are no such steps.
+    - `options["structure"]`: `y -> ` a matrix of the structure of the Hessian, whose values do not count. It saves
+        tracing the Hessian twice.
 
     [`shellkit.InverseProblem`][] provides all of these. Not for functions whose Hessian is dense, and not for single
     precision.
@@ -154,13 +158,12 @@ class SparseNewton(optx.AbstractMinimiser):
         zero = jnp.zeros((), y.dtype)
         nowhere = Point(y, zero, jnp.zeros_like(y), zero)
         solver: Any = self.linear_solver  # of sparse matrices, or of bordered ones
-        blank = blank_like(lambda y: solver.factorise(scene.derivatives(y)[2]), y)
-        held = None if scene.motions is None else jnp.zeros(scene.motions(y).shape[1], int)
+        blank = blank_like(lambda y: solver.factorise(scene.structure(y)), y)
         no = jnp.array(False)
         mixed = None
         if scene.apart is not None:
             mixed = Mixed.off(blank_like(scene.apart.begin, y), nowhere)
-        return NewtonState(nowhere, jnp.zeros(()), blank, held, jnp.zeros((), jnp.int32), no, mixed, no, no)
+        return NewtonState(nowhere, jnp.zeros(()), blank, jnp.zeros((), jnp.int32), no, mixed, no, no)
 
     def step(self, fn, y, args, options, state: NewtonState, tags):
         scene = scene_of(fn, args, options)
@@ -177,7 +180,7 @@ class SparseNewton(optx.AbstractMinimiser):
             state, hessian, convexification, basis, held, -gradient, jnp.where(free, 1, _MAX_SHIFTS)
         )
         # A direction that is none shows in the energy.
-        solve = lambda rhs: solve_held(self.linear_solver, factor, basis, held, rhs, checked=False)
+        solve = lambda rhs: solve_held(self.linear_solver, factor, basis, rhs, checked=False)
         direction = jax.lax.cond(
             state.leaving,
             lambda: away_from_saddle(hessian.mv, solve, gradient, scene.length),
@@ -209,7 +212,7 @@ class SparseNewton(optx.AbstractMinimiser):
             )
             # Steps of this kind have no shift; those that follow begin without.
             shift = jnp.where(mixed.on | free, 0.0, shift)
-        state = NewtonState(moved, shift, factor, held, state.factorisations + tries, leaving, mixed, settled, stuck)
+        state = NewtonState(moved, shift, factor, state.factorisations + tries, leaving, mixed, settled, stuck)
         return moved.y, state, None
 
     def _factorise(
@@ -226,8 +229,8 @@ class SparseNewton(optx.AbstractMinimiser):
         eigenvalue; and solve for one right-hand side."""
         unit = hessian.size_of_diagonal()
         solver: Any = self.linear_solver
-        if held is not None:
-            rhs = project_out(basis, rhs).at[held].set(0.0)
+        rhs = project_out(basis, rhs)
+        hessian = hessian if held is None else hessian.gauged(held, unit)
 
         def attempt(carry):
             _, _, next_shift, last_shift, tries, lift = carry
@@ -238,7 +241,6 @@ class SparseNewton(optx.AbstractMinimiser):
                 first = (next_shift > 0) & ((tries == 0) | (last_shift == 0))
                 lift = jax.lax.cond(first, lambda make: make().values, lambda _: lift, convexification)
                 matrix = _convexified(hessian, lift, next_shift, unit)
-            matrix = matrix if held is None else matrix.holding(held)
             factor, solution = solver.factorise_and_solve(matrix, rhs)
             # A try costs as much as a step: they lie ever further apart, at first too, where the way is long.
             stride = tries + jnp.where(state.factorisations == 0, 3, 1)
@@ -296,15 +298,12 @@ def solve_held(
     linear_solver: Any,
     factor: Factor | BorderedFactor,
     basis: Float[Array, "n k"] | None,
-    held: Int[Array, " k"] | None,
     rhs: Float[Array, " n"],
     checked: bool = True,
 ) -> Float[Array, " n"]:
-    """Apply the pseudo-inverse: solve with the coordinates `held`, off the motions in `basis`."""
-    if basis is None:
-        return linear_solver.solve(factor, rhs, checked)
-    rhs = project_out(basis, rhs).at[held].set(0.0)
-    return project_out(basis, linear_solver.solve(factor, rhs, checked))
+    """Apply the pseudo-inverse, off the motions in `basis`, by the factor of a matrix with springs on as many
+    coordinates."""
+    return project_out(basis, linear_solver.solve(factor, project_out(basis, rhs), checked))
 
 
 class _Descent(eqx.Module):

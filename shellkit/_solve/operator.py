@@ -79,16 +79,17 @@ class SparseSymmetric(lx.AbstractLinearOperator):
         values = self.values.at[self.pattern.diagonal].add(shift, **_SORTED)
         return eqx.tree_at(lambda operator: operator.values, self, values)
 
-    def holding(self, coordinates: Int[Array, " k"]) -> "SparseSymmetric":
-        """This matrix with the rows and columns of some coordinates cleared, and a typical number on their diagonal.
-        Coordinates past the last are passed over."""
-        pattern = self.pattern
-        keep = jnp.ones(pattern.n).at[coordinates].set(0.0, mode="drop", wrap_negative_indices=False)
-        values = self.values * taken(keep, pattern.rows) * taken(keep, pattern.indices)
-        places = pattern.diagonal.at[coordinates].get(
-            mode="fill", fill_value=pattern.nnz, wrap_negative_indices=False
+    def gauged(self, coordinates: Int[Array, " k"], stiffness: Float[Array, ""]) -> "SparseSymmetric":
+        """This matrix with a spring on some coordinates, those of motions that it does not resist: regular, and of the
+        same inertia but for as many positive eigenvalues. Where it and the right-hand side do no work on these motions
+        the springs carry nothing, so that the solution is one of the matrix itself.
+
+        Coordinates past the last are passed over.
+        """
+        places = self.pattern.diagonal.at[coordinates].get(
+            mode="fill", fill_value=self.pattern.nnz, wrap_negative_indices=False
         )
-        values = values.at[places].set(self.size_of_diagonal(), mode="drop", wrap_negative_indices=False)
+        values = self.values.at[places].add(stiffness, mode="drop", wrap_negative_indices=False)
         return eqx.tree_at(lambda operator: operator.values, self, values)
 
     def plus(self, values: Float[Array, "nnz"]) -> "SparseSymmetric":

@@ -6,9 +6,10 @@ pytree of index arrays that matrices of changing values share."""
 import hashlib
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Int32, UInt32
+
+from .._tracing import known
 
 
 class SymmetricPattern(eqx.Module):
@@ -62,11 +63,11 @@ class SymmetricPattern(eqx.Module):
         indices = indices.astype(np.int32)
         digest = hashlib.blake2b(indptr.tobytes() + indices.tobytes(), digest_size=8).digest()
         pattern = SymmetricPattern(
-            indptr=jnp.asarray(indptr),
-            indices=jnp.asarray(indices),
-            rows=jnp.asarray(upper_rows.astype(np.int32)),
-            diagonal=jnp.asarray(positions[:n].astype(np.int32)),
-            fingerprint=jnp.asarray(np.frombuffer(digest, np.uint32)),
+            indptr=known(indptr),
+            indices=known(indices),
+            rows=known(upper_rows.astype(np.int32)),
+            diagonal=known(positions[:n].astype(np.int32)),
+            fingerprint=known(np.frombuffer(digest, np.uint32)),
         )
         return pattern, positions[n:].astype(np.int32)
 

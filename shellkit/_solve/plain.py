@@ -7,9 +7,9 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import optimistix as optx
-from jaxtyping import Array, Bool, Float, Int, Scalar
+from jaxtyping import Array, Bool, Int
 
-from .direct import AbstractSparseSolver, Factor
+from .direct import AbstractSparseSolver, LastFactor
 from .motions import coordinates_to_hold, orthonormal, project_out
 from .newton import SHORT, SparseNewton, blank_like, descend, floored, scene_of, solve_held, usable
 from .points import Point
@@ -19,8 +19,7 @@ class PlainState(eqx.Module):
     """State of [`PlainNewton`][] between two steps."""
 
     point: Point
-    factor: Factor
-    held: Int[Array, " k"] | None
+    factor: LastFactor
     factorisations: Int[Array, ""]
     done: Bool[Array, ""]
     stuck: Bool[Array, ""]
@@ -55,29 +54,26 @@ class PlainNewton(optx.AbstractMinimiser):
     def init(self, fn, y, args, options, f_struct, aux_struct, tags) -> PlainState:
         scene = scene_of(fn, args, options)
         zero, no = jnp.zeros((), y.dtype), jnp.array(False)
-        factor = blank_like(lambda y: self.linear_solver.factorise(scene.derivatives(y)[2]), y)
-        held = None if scene.motions is None else jnp.zeros(scene.motions(y).shape[1], int)
-        return PlainState(Point(y, zero, jnp.zeros_like(y), zero), factor, held, jnp.zeros((), jnp.int32), no, no)
+        factor = blank_like(lambda y: LastFactor.of(self.linear_solver.factorise(scene.structure(y))), y)
+        return PlainState(Point(y, zero, jnp.zeros_like(y), zero), factor, jnp.zeros((), jnp.int32), no, no)
 
     def step(self, fn, y, args, options, state: PlainState, tags):
         scene = scene_of(fn, args, options)
         value, gradient, hessian, _ = scene.derivatives(y)
         point = Point.of(y, value, gradient)
         basis = None if scene.motions is None else orthonormal(scene.motions(y))
-        held = None if basis is None else coordinates_to_hold(basis)
-        rhs = -gradient
-        if held is not None:
-            hessian, rhs = hessian.holding(held), project_out(basis, rhs).at[held].set(0.0)
-        factor, newton = self.linear_solver.factorise_and_solve(hessian, rhs)
+        if basis is not None:
+            hessian = hessian.gauged(coordinates_to_hold(basis), hessian.size_of_diagonal())
+        factor, newton = self.linear_solver.factorise_and_solve(hessian, project_out(basis, -gradient))
         direction = project_out(basis, newton)
         size = jnp.max(jnp.abs(direction))
-        solve = lambda rhs: solve_held(self.linear_solver, factor, basis, held, rhs, checked=False)
+        solve = lambda rhs: solve_held(self.linear_solver, factor, basis, rhs, checked=False)
         no, yes = jnp.array(False), jnp.array(True)
         moved, length, settled = descend(scene, point, direction, size, solve, no, yes, no, self.rtol)
         settled = usable(factor) & (settled | floored(size, length, scene, self.rtol))
         stuck = ~settled & ((length < SHORT) | ~usable(factor) | ~moved.finite)
         point = jax.tree.map(lambda here, there: jnp.where(stuck, here, there), point, moved)
-        state = PlainState(point, factor, held, state.factorisations + 1, settled, stuck)
+        state = PlainState(point, LastFactor.of(factor), state.factorisations + 1, settled, stuck)
         return point.y, state, None
 
     def terminate(self, fn, y, args, options, state: PlainState, tags):

@@ -43,11 +43,11 @@ def responding_minimum(
     """
     y = jax.lax.stop_gradient(y)
     hessian = frozen(energy).hessian(y)
-    hessian, basis, held = held_still(hessian, motions, y)
-    factor = linear_solver.factorise(hessian)
+    still, basis, _ = held_still(hessian, motions, y)
+    factor = linear_solver.factorise(still)
 
     def solve(_, rhs):
-        return solve_held(linear_solver, factor, basis, held, rhs)
+        return solve_held(linear_solver, factor, basis, rhs)
 
     correction = jax.lax.custom_linear_solve(hessian.mv, energy.gradient(y), solve, symmetric=True)
     return jnp.where(factor.ok, y - correction, jnp.nan)

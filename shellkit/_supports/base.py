@@ -170,9 +170,7 @@ class SingleSupport(Supports):
         return (self,)
 
 
-def _combine(
-    parts: tuple[SingleSupport, ...], mesh: Mesh
-) -> tuple[Float[Array, "V 3"], list[Float[Array, " n"]]]:
+def _combine(parts: tuple[SingleSupport, ...], mesh: Mesh) -> tuple[Float[Array, "V 3"], list[Float[Array, " n"]]]:
     """Where the vertices are held; and how far each part would hold its own from where others do already.
 
     Direction by direction: what is new in it moves the point, along that alone, to where it is wanted.

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .._mesh.mesh import Mesh
+from .._tracing import known
 from .base import SingleSupport
 from .selection import Numbers, Selection, as_selection, selected
 
@@ -132,7 +133,7 @@ class Symmetry(SingleSupport):
         inside = np.zeros(mesh.n_vertices, bool)
         inside[np.asarray(vertices)] = True
         edges = np.flatnonzero(inside[np.asarray(mesh.edges)].all(axis=1) & np.asarray(mesh.boundary_edges))
-        indices = vertices, jnp.asarray(edges.astype(np.int32))
+        indices = vertices, known(edges.astype(np.int32))
         return eqx.tree_at(lambda s: (s.vertices, s.edges), self, indices, is_leaf=lambda x: x is None)
 
     def at(self, progress: float | Float[Array, ""]) -> "Symmetry":

@@ -3,13 +3,13 @@
 from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
-import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jax.typing import ArrayLike
 from jaxtyping import Array, Int
 
 from .._mesh.mesh import Mesh
+from .._tracing import known
 
 
 Numbers: TypeAlias = ArrayLike | Sequence
@@ -22,7 +22,7 @@ of shape (V, 3) to such a mask."""
 
 def as_selection(vertices: Selection) -> Array | Callable:
     """What is stored of a selection until the mesh is known."""
-    return vertices if callable(vertices) else jnp.asarray(vertices)
+    return vertices if callable(vertices) or isinstance(vertices, Tracer) else known(np.asarray(vertices))
 
 
 def selected(owner: str, vertices: Array | Callable, mesh: Mesh) -> Int[Array, " n"]:
@@ -57,7 +57,7 @@ def selected(owner: str, vertices: Array | Callable, mesh: Mesh) -> Int[Array, "
     values, counts = np.unique(chosen, return_counts=True)
     if counts.max() > 1:
         raise ValueError(f"{owner}: vertex {values[counts.argmax()]} is selected twice.")
-    return jnp.asarray(chosen.astype(np.int32))
+    return known(chosen.astype(np.int32))
 
 
 def selected_edges(owner: str, vertices: Array | Callable, mesh: Mesh) -> Int[Array, " m"]:
@@ -75,4 +75,4 @@ def selected_edges(owner: str, vertices: Array | Callable, mesh: Mesh) -> Int[Ar
         inside = np.zeros(mesh.n_vertices, bool)
         inside[np.asarray(selected(owner, vertices, mesh))] = True
         chosen = inside[ends].all(axis=1)
-    return jnp.asarray(np.flatnonzero(chosen).astype(np.int32))
+    return known(np.flatnonzero(chosen).astype(np.int32))
