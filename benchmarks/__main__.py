@@ -10,6 +10,7 @@ from .case import run
 
 
 NAMES = (
+    "whole_job",
     "design_step",
     "relaxation",
     "head_fields",

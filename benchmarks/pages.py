@@ -46,6 +46,17 @@ def design_steps() -> str:
     return f"{report.table(head, lines)}\n\n{conditions}"
 
 
+def waiting() -> str:
+    """The table of the README: how long a user waits, from starting Python."""
+    from .whole_job import table
+
+    rows = report.load("whole_job")
+    if not rows:
+        return _not_measured("whole_job")
+    machines = dict.fromkeys(row["machine"]["cpu"] for row in rows)
+    return f"{table(rows)}\n\n*{', '.join(machines)}; {max(row['date'][:10] for row in rows)}; medians of three.*"
+
+
 def page_of(name: str) -> str:
     """The tables that a benchmark has written, after its curves if they are drawn."""
     path = report.path_of(name, False, "md")
@@ -95,10 +106,11 @@ def _precision() -> str:
 
 
 PAGES: dict[str, dict[str, Callable[[], str]]] = {
-    "README.md": {"figures": design_steps},
+    "README.md": {"figures": design_steps, "waiting": waiting},
     "docs/performance.md": {
         name: (lambda name=name: page_of(name))
         for name in (
+            "whole_job",
             "design_step",
             "relaxation",
             "head_fields",

@@ -14,6 +14,7 @@ import shellkit as sk
 
 mpl.use("Agg")
 jax.config.update("jax_enable_x64", True)
+sk.keep_compiled()
 
 THICKNESS, SHEAR = 0.02, 1.0
 

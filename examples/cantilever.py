@@ -14,6 +14,7 @@ import shellkit as sk
 
 mpl.use("Agg")
 jax.config.update("jax_enable_x64", True)
+sk.keep_compiled()
 
 LENGTH, WIDTH, THICKNESS, YOUNG, FORCE = 10.0, 1.0, 0.1, 1.2e6, 4.0
 

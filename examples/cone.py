@@ -12,6 +12,7 @@ import shellkit as sk
 
 
 jax.config.update("jax_enable_x64", True)
+sk.keep_compiled()
 
 THICKNESS, STRETCH = 0.02, 0.9
 # The exact axisymmetric shell of that thickness: height, half-angle at half the way to the rim, energy.

@@ -14,6 +14,7 @@ import shellkit as sk
 
 
 jax.config.update("jax_enable_x64", True)
+sk.keep_compiled()
 
 THICKNESS, STRETCH, CURVATURE = 0.05, 1.1, 0.5
 

@@ -13,6 +13,7 @@ import shellkit as sk
 
 
 jax.config.update("jax_enable_x64", True)
+sk.keep_compiled()
 
 # What the tutorial prints for so many vertices and steps.
 TUTORIAL = {

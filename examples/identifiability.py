@@ -16,6 +16,7 @@ import shellkit as sk
 
 mpl.use("Agg")
 jax.config.update("jax_enable_x64", True)
+sk.keep_compiled()
 
 TOP, BOTTOM = "actuation.top.angle", "actuation.bottom.angle"
 NOISE = 1e-3  # of a measured coordinate, in radii of the sphere

@@ -12,6 +12,7 @@ import shellkit as sk
 
 
 jax.config.update("jax_enable_x64", True)
+sk.keep_compiled()
 
 LENGTH, WIDTH, THICKNESS, POISSON = 1.0, 0.3, 0.01, 0.3
 MISFIT = 2 * THICKNESS / 3 * 2 * np.pi / LENGTH  # κ = 3 Δε / 2h, for one full turn

@@ -14,6 +14,7 @@ import shellkit as sk
 
 mpl.use("Agg")
 jax.config.update("jax_enable_x64", True)
+sk.keep_compiled()
 
 RADIUS, LENGTH, HALF_ANGLE, YOUNG, POISSON, FORCE = 2540.0, 508.0, 0.1, 3102.75, 0.3, 3000.0
 # Sze, Liu and Lo (2004), for the thickness 12.7 mm: the limit load over 3000 N, and the deflection there in mm.

@@ -15,6 +15,7 @@ import shellkit as sk
 
 
 jax.config.update("jax_enable_x64", True)
+sk.keep_compiled()
 
 THICKNESS = 0.1
 STRETCH = 1.5  # of the nematic layers, as in the tutorial's reverse problem

@@ -17,6 +17,7 @@ import shellkit as sk
 
 
 jax.config.update("jax_enable_x64", True)
+sk.keep_compiled()
 
 SUZANNE = Path(__file__).parent / "meshes" / "suzanne.obj"
 # What the tutorial prints after 100 steps on its own mesh of 1362 vertices, and how long its text says that takes.

@@ -14,6 +14,7 @@ import shellkit as sk
 
 
 jax.config.update("jax_enable_x64", True)
+sk.keep_compiled()
 
 # What the tutorial prints for 42 vertices after 200 steps; it does not do this design on a finer mesh.
 TUTORIAL = ("0.393", "0.0031", "25.6°", "a few ms")

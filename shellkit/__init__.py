@@ -123,6 +123,7 @@ from ._loss import (
 )
 from ._mesh.mesh import Mesh as Mesh
 from ._path import Path as Path, Ramp as Ramp, follow as follow, relax as relax
+from ._waiting import keep_compiled as keep_compiled
 from ._plot import (
     Film as Film,
     Snapshots as Snapshots,

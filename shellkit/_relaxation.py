@@ -8,7 +8,7 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int, Scalar
 
 from ._energy import DiscreteEnergy
-from ._geometry.patches import Triangles
+from ._geometry.patches import Hinges, Triangles
 from ._holding import Held, relax_held
 from ._solve.bordered import BorderedSolver
 from ._solve.direct import AbstractSparseSolver, Factor, LastFactor
@@ -19,6 +19,7 @@ from ._solve.plain import PlainState
 from ._symmetries import FreeMotions
 
 
+_FLAT = 179.0  # degrees
 _TURN, _SHRINK = 0.34, 0.2  # no face may turn further than cos = 0.34 (70 degrees) or shrink below a fifth in one step
 
 
@@ -116,16 +117,32 @@ class Feasible(eqx.Module):
         return jnp.all((turn > _TURN * old.twice_area * new.twice_area) & (new.twice_area > _SHRINK * old.twice_area))
 
 
+class Folded(eqx.Module):
+    """Whether a hinge is folded flat. There an averaged edge normal vanishes, and with it the force that would unfold
+    it: no step leads away."""
+
+    energy: DiscreteEnergy
+
+    def __call__(self, y: Float[Array, " n"]) -> Bool[Array, ""]:
+        assert self.energy.faces is not None
+        faces, vertices = self.energy.faces, self.energy.state(y)[0]
+        angles = Hinges(vertices, faces.mesh, Triangles(vertices, faces.mesh), faces.continuation).angles
+        return jnp.max(jnp.abs(angles)) > jnp.deg2rad(_FLAT)
+
+
 def minimiser_options(energy: DiscreteEnergy, motions: FreeMotions | None, length: Scalar) -> dict[str, Any]:
     """What a minimiser is told of an energy beside its value."""
     # A shell that only stretches has no narrow valleys.
-    bends = energy.faces is not None and energy.faces.form is not None and energy.quantities is None
+    form = None if energy.faces is None else energy.faces.form
+    bends = form is not None and energy.quantities is None
+    averaged = form in ("sin", "theta") and energy.assembly.director_length is None
     return {
         "value_and_gradient": energy.value_and_gradient,
         "derivatives": energy.derivatives,
         "feasible": Feasible(energy),
         "motions": motions,
         "length": length,
+        "hopeless": Folded(energy) if averaged else None,
         "structure": energy.blank_hessian,
         "apart": (energy.faces_at, energy.derivatives_apart) if bends else None,
     }

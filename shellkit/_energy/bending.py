@@ -11,7 +11,7 @@ from .._mesh.mesh import Mesh
 from .._papers import CHEN_2018, GRINSPUN_2003, WEISCHEDEL_2012
 from .._rest import RestShape
 from .base import EnergyTerm, FormEnergy
-from .moduli import check_curvature_options, check_modulus, inverse, lame_halves, quadratic
+from .moduli import check_curvature_options, check_modulus, invariant_moduli, inverse, lame_halves, quadratic
 
 
 class Bending(FormEnergy):
@@ -88,12 +88,16 @@ class Bending(FormEnergy):
         det = determinant(metric)
         scale = rest.bending_scale / 24 * jnp.sqrt(det)
         assert rest.curvature is not None  # the problem measures it for every term with a form
-        return components(rest.curvature), inverse(metric, det), scale * self.alpha, scale * self.beta
+        return (
+            components(rest.curvature),
+            inverse(metric, det),
+            *invariant_moduli(scale * self.alpha, scale * self.beta, det),
+        )
 
     def density(self, metric: Components, curvature: Components, data) -> Float[Array, " F"]:
-        rest, rest_inverse, alpha, beta = data
+        rest, rest_inverse, *moduli = data
         change = tuple(now - then for now, then in zip(curvature, rest, strict=True))
-        return quadratic(rest_inverse, change, alpha, beta)
+        return quadratic(rest_inverse, change, *moduli)
 
 
 class DihedralBending(EnergyTerm):

@@ -31,7 +31,7 @@ from .._geometry.patches import (
 from .._mesh.mesh import Mesh
 from .base import FormEnergy
 from .convexity import FaceHessians
-from .intrinsic import Bends, first_derivatives, second_derivatives
+from .intrinsic import Bends, both_ways, first_derivatives, on_bends, on_lengths, second_derivatives
 
 
 class FaceState(eqx.Module):
@@ -74,56 +74,65 @@ class FaceEnergies(eqx.Module):
                 total = total + (density if weight is None else weight * density)
         return total
 
-    def _flat(self, *lengths: Float[Array, " F"]) -> Float[Array, " F"]:
-        """The terms that depend on the metric alone, as a function of three squared lengths."""
-        return self._total(False, metric_from_lengths(lengths), None)
+    def _flat(self, *metric: Float[Array, " F"]) -> Float[Array, " F"]:
+        """The terms that depend on the metric alone, as a function of its components."""
+        return self._total(False, metric, None)
 
-    def _bent(self, *numbers: Float[Array, " F"]) -> Float[Array, " F"]:
-        """The terms that bend, as a function of three squared lengths and three bends."""
-        return self._total(True, metric_from_lengths(numbers[:3]), curvature_from_bends(numbers[3:]))
+    def _bent(self, *forms: Float[Array, " F"]) -> Float[Array, " F"]:
+        """The terms that bend, as a function of the components of metric and curvature."""
+        return self._total(True, forms[:3], forms[3:])
 
     @property
     def _stretches(self) -> bool:
         return any(term.form is None for _, term, _ in self.terms)
 
+    def _forms(self, numbers: Float[Array, "k F"]) -> tuple[Components, Bends | None]:
+        """The metric of each face from its intrinsic numbers, and what its edges add to the curvature."""
+        bends = None if self.form is None else Bends(numbers[:3], numbers[3:], self.form)
+        return metric_from_lengths(numbers[:3]), bends
+
     def _value(self, numbers: Float[Array, "k F"]) -> Float[Array, " F"]:
         """The energy of each face as a function of its intrinsic numbers."""
-        value = self._flat(*numbers[:3]) if self._stretches else jnp.zeros_like(numbers[0])
-        if self.form is None:
-            return value
-        return value + self._bent(*numbers[:3], *Bends(numbers[:3], numbers[3:], self.form).values)
+        metric, bends = self._forms(numbers)
+        value = self._flat(*metric) if self._stretches else jnp.zeros_like(numbers[0])
+        return value if bends is None else value + self._bent(*metric, *curvature_from_bends(bends.values))
 
     def _value_and_stress(self, numbers: Float[Array, "k F"]) -> tuple[Float[Array, " F"], Float[Array, "k F"]]:
         """The energy of each face and its derivatives in the face's own intrinsic numbers."""
-        value, on_lengths = jnp.zeros_like(numbers[0]), jnp.zeros_like(numbers[:3])
+        metric, bends = self._forms(numbers)
+        value, pull = jnp.zeros_like(numbers[0]), None
         if self._stretches:
-            value, on_lengths = first_derivatives(self._flat, numbers[:3])
-        if self.form is None:
-            return value, on_lengths
-        bends = Bends(numbers[:3], numbers[3:], self.form)
-        bent, pull = first_derivatives(self._bent, jnp.concatenate([numbers[:3], bends.values]))
-        return value + bent, jnp.concatenate(bends.stress(on_lengths + pull[:3], pull[3:]))
+            value, pull = first_derivatives(self._flat, metric)
+        if bends is None:
+            assert pull is not None  # there are no terms but these
+            return value, on_lengths(pull)
+        bent, both = first_derivatives(self._bent, (*metric, *curvature_from_bends(bends.values)))
+        pull = both[:3] if pull is None else both[:3] + pull
+        return value + bent, bends.stress(on_lengths(pull), on_bends(both[3:]))
 
     def _second_derivatives(
         self, numbers: Float[Array, "k F"]
     ) -> tuple[Float[Array, " F"], Float[Array, "k F"], Float[Array, "k k F"]]:
         """What `_value_and_stress` gives, and the second derivatives in the intrinsic numbers."""
-        value, on_lengths, stretching = jnp.zeros_like(numbers[0]), jnp.zeros_like(numbers[:3]), None
+        metric, bends = self._forms(numbers)
+        value, pull, stretching = jnp.zeros_like(numbers[0]), None, None
         if self._stretches:
-            value, on_lengths = first_derivatives(self._flat, numbers[:3])
-            stretching = second_derivatives(self._flat, numbers[:3])
-        if self.form is None:
-            assert stretching is not None  # there are no terms but these
-            return value, on_lengths, stretching
-        bends = Bends(numbers[:3], numbers[3:], self.form)
-        at = jnp.concatenate([numbers[:3], bends.values])
-        bent, pull = first_derivatives(self._bent, at)
-        hessian = second_derivatives(self._bent, at)
-        if stretching is not None:
+            value, pull = first_derivatives(self._flat, metric)
+            stretching = second_derivatives(self._flat, metric)
+        if bends is None:
+            assert pull is not None and stretching is not None  # there are no terms but these
+            return value, on_lengths(pull), both_ways(on_lengths, stretching)
+        forms = (*metric, *curvature_from_bends(bends.values))
+        bent, both = first_derivatives(self._bent, forms)
+        hessian = second_derivatives(self._bent, forms)
+        if pull is not None and stretching is not None:
+            both = jnp.concatenate([both[:3] + pull, both[3:]])
             hessian = hessian + jnp.pad(stretching, ((0, 3), (0, 3), (0, 0)))
-        stress = jnp.concatenate(bends.stress(on_lengths + pull[:3], pull[3:]))
-        turns = BEND_SLOPES[self.form](numbers[3:])[1]
-        return value + bent, stress, bends.second(pull[3:], hessian, turns)
+        pull = on_bends(both[3:])
+        stress = bends.stress(on_lengths(both[:3]), pull)
+        hessian = both_ways(lambda rows: jnp.concatenate([on_lengths(rows[:3]), on_bends(rows[3:])]), hessian)
+        turns = BEND_SLOPES[bends.form](numbers[3:])[1]
+        return value + bent, stress, bends.second(pull, hessian, turns)
 
     def energy(self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None) -> Scalar:
         """The sum over all faces."""

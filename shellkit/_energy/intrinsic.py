@@ -1,5 +1,5 @@
-"""Derivatives in the intrinsic numbers of a face, its squared edge lengths and half hinge angles, from those in what
-its two forms are linear in: the same lengths, and what each edge adds to the curvature form.
+"""Derivatives in the intrinsic numbers of a face, its squared edge lengths and half hinge angles, from those in the
+components of its two forms.
 
 The terms of a sum are differentiated in the latter by automatic differentiation, elementwise over all faces. What leads
 from there to the numbers is the same for all terms, and written by hand: it is a tenth of the operations, and of the
@@ -17,8 +17,7 @@ from .._geometry.forms import BEND, BEND_SLOPES, CurvatureForm, determinant, met
 
 
 Density = Callable[..., Float[Array, " F"]]
-"""The energy of every face as a function of three squared lengths and of what three edges add to the curvature form (or
-of the lengths alone), each an array of shape `(F,)`."""
+"""The energy of every face as a function of components of its forms, each an array of shape `(F,)`."""
 
 
 class Bends(eqx.Module):
@@ -38,9 +37,11 @@ class Bends(eqx.Module):
     spread: Float[Array, "3 F"]  # p_j
     halved: Float[Array, "3 F"]  # 1 / (2 l_i)
     squared_area: Float[Array, " F"]  # A squared
+    form: CurvatureForm = eqx.field(static=True)
 
     def __init__(self, squared_lengths: Float[Array, "3 F"], half_angles: Float[Array, "3 F"], form: CurvatureForm):
         metric = metric_from_lengths(squared_lengths)
+        self.form = form
         self.squared_area = determinant(metric)
         self.halved = 0.5 / squared_lengths
         self.spread = jnp.stack([metric[1], metric[0] - metric[1], metric[2] - metric[1]]) / (2 * self.squared_area)
@@ -48,13 +49,11 @@ class Bends(eqx.Module):
         self.values = self.heights * BEND[form](half_angles)
         self.slopes = self.heights * BEND_SLOPES[form](half_angles)[0]
 
-    def stress(
-        self, on_lengths: Float[Array, "3 F"], on_bends: Float[Array, "3 F"]
-    ) -> tuple[Float[Array, "3 F"], Float[Array, "3 F"]]:
+    def stress(self, on_lengths: Float[Array, "3 F"], on_bends: Float[Array, "3 F"]) -> Float[Array, "6 F"]:
         """First derivatives in lengths and half angles from those in lengths and bends."""
         work = on_bends * self.values
         on_lengths = on_lengths + _sum(work) * self.spread - work * self.halved
-        return on_lengths, on_bends * self.slopes
+        return jnp.concatenate([on_lengths, on_bends * self.slopes])
 
     def second(
         self, on_bends: Float[Array, "3 F"], hessian: Float[Array, "6 6 F"], turns: Float[Array, "3 F"]
@@ -90,21 +89,41 @@ class Bends(eqx.Module):
         return jnp.concatenate([above, jnp.concatenate([jnp.swapaxes(mixed, 0, 1), angles], axis=1)])
 
 
-def first_derivatives(density: Density, at: Float[Array, "k F"]) -> tuple[Float[Array, " F"], Float[Array, "k F"]]:
+def first_derivatives(
+    density: Density, at: tuple[Float[Array, " F"], ...]
+) -> tuple[Float[Array, " F"], Float[Array, "k F"]]:
     """The energy of every face and its derivatives in each of its arguments."""
     value, pull_back = jax.vjp(density, *at)
     return value, jnp.stack(pull_back(jnp.ones_like(value)))
 
 
-def second_derivatives(density: Density, at: Float[Array, "k F"]) -> Float[Array, "k k F"]:
+def second_derivatives(density: Density, at: tuple[Float[Array, " F"], ...]) -> Float[Array, "k k F"]:
     """Second derivatives of the energy of every face in each pair of its arguments: one forward tangent each, the
     others symbolically zero."""
-    slopes = lambda *arguments: jnp.stack(jax.vjp(density, *arguments)[1](jnp.ones_like(at[0])))
+    slopes = lambda *arguments: jax.vjp(density, *arguments)[1](jnp.ones_like(at[0]))
     columns = []
     for i, number in enumerate(at):
         along = lambda x, i=i: slopes(*at[:i], x, *at[i + 1 :])
-        columns.append(jax.jvp(along, (number,), (jnp.ones_like(number),))[1])
+        columns.append(jnp.stack(jax.jvp(along, (number,), (jnp.ones_like(number),))[1]))
     return jnp.stack(columns)
+
+
+def on_lengths(on_metric: Float[Array, "3 *k F"]) -> Float[Array, "3 *k F"]:
+    """Derivatives in squared lengths from those in the components of the metric; see `metric_from_lengths`."""
+    g11, g12, g22 = on_metric
+    half = 0.5 * g12
+    return jnp.stack([-half, half + g22, g11 + half])
+
+
+def on_bends(on_curvature: Float[Array, "3 *k F"]) -> Float[Array, "3 *k F"]:
+    """Derivatives in what each edge adds to the curvature from those in its components; see `curvature_from_bends`."""
+    b11, b12, b22 = on_curvature
+    return jnp.stack([b11 + b12 + b22, b11, b22])
+
+
+def both_ways(linear: Callable[[Array], Array], matrix: Float[Array, "k k F"]) -> Float[Array, "k k F"]:
+    """A symmetric matrix of every face, carried over on both sides."""
+    return linear(jnp.swapaxes(linear(matrix), 0, 1))
 
 
 def _sum(values: Float[Array, "3 F"]) -> Float[Array, " F"]:

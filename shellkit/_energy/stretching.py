@@ -10,7 +10,7 @@ from .._mesh.mesh import Mesh
 from .._papers import CHEN_2018, CLAUSSEN
 from .._rest import RestShape
 from .base import FormEnergy
-from .moduli import check_modulus, inverse, lame_halves, quadratic
+from .moduli import check_modulus, invariant_moduli, inverse, lame_halves, quadratic
 
 
 class StVenantKirchhoff(FormEnergy):
@@ -64,12 +64,12 @@ class StVenantKirchhoff(FormEnergy):
         metric = components(rest.metric)
         det = determinant(metric)
         scale = rest.stretching_scale / 8 * jnp.sqrt(det)
-        return metric, inverse(metric, det), scale * self.alpha, scale * self.beta
+        return metric, inverse(metric, det), *invariant_moduli(scale * self.alpha, scale * self.beta, det)
 
     def density(self, metric: Components, curvature: Components | None, data) -> Float[Array, " F"]:
-        rest, rest_inverse, alpha, beta = data
+        rest, rest_inverse, *moduli = data
         strain = tuple(now - then for now, then in zip(metric, rest, strict=True))
-        return quadratic(rest_inverse, strain, alpha, beta)
+        return quadratic(rest_inverse, strain, *moduli)
 
 
 class NeoHookean(FormEnergy):

@@ -10,7 +10,7 @@ from .._mesh.mesh import Mesh
 from .._papers import LE_DRET_1995, PIPKIN_1986, STEIGMANN_1990
 from .._rest import RestShape
 from .base import FormEnergy
-from .moduli import check_modulus, inverse, lame_halves, quadratic
+from .moduli import check_modulus, invariant_moduli, inverse, lame_halves, quadratic
 
 
 class TensionField(FormEnergy):
@@ -84,7 +84,7 @@ class TensionField(FormEnergy):
     def density(self, metric: Components, curvature: Components | None, data) -> Float[Array, " F"]:
         rest, rest_inverse, rest_det, alpha, beta, residual = data
         strain = tuple(now - then for now, then in zip(metric, rest, strict=True))
-        full = quadratic(rest_inverse, strain, alpha, beta)
+        full = quadratic(rest_inverse, strain, *invariant_moduli(alpha, beta, rest_det))
         larger, smaller = _eigenvalues(rest, rest_det, strain)
         poisson = alpha / (alpha + 2 * beta)
         uniaxial = 4 * beta * (alpha + beta) / (alpha + 2 * beta) * larger**2

@@ -41,7 +41,7 @@ class Triangles(eqx.Module):
 
     def __init__(self, vertices: Float[Array, "V 3"], mesh: Mesh):
         self.corners = gather(vertices, mesh.faces)
-        self.edges = jnp.stack([self.corners[(i + 2) % 3] - self.corners[(i + 1) % 3] for i in range(3)])
+        self.edges = jnp.roll(self.corners, 1, axis=0) - jnp.roll(self.corners, 2, axis=0)
         self.squared_lengths = dot(self.edges, self.edges)
         self.area_normal = cross(self.edges[2], -self.edges[1])
         self.twice_area = jnp.sqrt(dot(self.area_normal, self.area_normal))
@@ -49,7 +49,7 @@ class Triangles(eqx.Module):
     @property
     def tails(self) -> Float[Array, "3 3 F"]:
         """Where each edge starts."""
-        return jnp.stack([self.corners[1], self.corners[2], self.corners[0]])
+        return jnp.roll(self.corners, 2, axis=0)
 
     def feet(self) -> Float[Array, "3 F"]:
         """Where the height of corner i meets edge i, from 0 at its tail to 1 at its head."""

@@ -10,7 +10,8 @@ from jaxtyping import Array, Float, Int
 
 def dot(a: Float[Array, "*#m 3 n"], b: Float[Array, "*#m 3 n"]) -> Float[Array, "*#m n"]:
     """Scalar product over the component axis."""
-    return a[..., 0, :] * b[..., 0, :] + a[..., 1, :] * b[..., 1, :] + a[..., 2, :] * b[..., 2, :]
+    product = a * b
+    return product[..., 0, :] + product[..., 1, :] + product[..., 2, :]
 
 
 def cross(a: Float[Array, "*#m 3 n"], b: Float[Array, "*#m 3 n"]) -> Float[Array, "*#m 3 n"]:

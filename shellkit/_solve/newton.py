@@ -33,6 +33,7 @@ _HALF_CONVEX, _DAMPING = 1e-3, 1e-6  # the shift at which the model is half conv
 _MAX_SHIFTS = 8
 SHORT = 0.2  # a step that is cut to less than this part says that its model is not to be trusted
 _FLOOR = 1e-5  # steps below this fraction of the typical length may be too small for the energy to show
+_MAX_HOPELESS = 3
 _SADDLE = 1e-2  # steps below this fraction of the typical length, with a shift, may be at a saddle
 
 
@@ -48,6 +49,7 @@ class Scene(eqx.Module):
     motions: Callable[[Array], Array] | None
     length: Scalar
     apart: Apart | None
+    hopeless: Callable[[Array], Bool[Array, ""]] | None
     structure: Callable[[Array], SparseSymmetric | Bordered]  # a matrix like the Hessian, whose values do not count
 
 
@@ -67,6 +69,7 @@ def scene_of(fn: Callable, args: Any, options: dict[str, Any]) -> Scene:
         motions=options.get("motions"),
         length=jnp.asarray(options.get("length", 1.0)),
         apart=None if options.get("apart") is None else Apart(*options["apart"]),
+        hopeless=options.get("hopeless"),
         structure=options.get("structure", lambda y: derivatives(y)[2]),
     )
 
@@ -80,6 +83,7 @@ class NewtonState(eqx.Module):
     factorisations: Int[Array, ""]
     leaving: Bool[Array, ""]  # a saddle was reached: the next step leads off it
     mixed: Mixed | None
+    hopeless: Int[Array, ""] | None  # for how many steps it has been
     done: Bool[Array, ""]
     stuck: Bool[Array, ""]
 
@@ -112,6 +116,8 @@ class SparseNewton(optx.AbstractMinimiser):
     - `options["apart"]`: the energy with its strains as unknowns of their own, for steps in narrow valleys: a pair of
         `y -> ` the strains, and `(y, strains, at_strains) -> ` what `options["derivatives"]` gives, at those strains or
         at those of `y`, and `step -> ` the strains to which it leads. Without it there are no such steps.
+    - `options["hopeless"]`: `y -> bool`, whether no minimum can be found from there. Three steps in a row at such points
+        end the search.
     - `options["structure"]`: `y -> ` a matrix of the structure of the Hessian, whose values do not count. It saves
         tracing the Hessian twice.
 
@@ -163,7 +169,9 @@ class SparseNewton(optx.AbstractMinimiser):
         mixed = None
         if scene.apart is not None:
             mixed = Mixed.off(blank_like(scene.apart.begin, y), nowhere)
-        return NewtonState(nowhere, jnp.zeros(()), blank, jnp.zeros((), jnp.int32), no, mixed, no, no)
+        none = jnp.zeros((), jnp.int32)
+        hopeless = None if scene.hopeless is None else none
+        return NewtonState(nowhere, jnp.zeros(()), blank, none, no, mixed, hopeless, no, no)
 
     def step(self, fn, y, args, options, state: NewtonState, tags):
         scene = scene_of(fn, args, options)
@@ -205,6 +213,10 @@ class SparseNewton(optx.AbstractMinimiser):
         shift = jnp.where(lost, grown * _SHIFT_GROWTH, jnp.where(state.leaving & stalled, shift, after))
         stuck = (lost & (shift > _LARGEST_SHIFT)) | ~usable(factor) | ~jnp.isfinite(moved.value)
         stuck = stuck & ~settled & ~free
+        hopeless = state.hopeless
+        if scene.hopeless is not None and hopeless is not None:
+            hopeless = jnp.where(scene.hopeless(y), hopeless + 1, 0)
+            stuck = stuck | (~settled & (hopeless >= _MAX_HOPELESS))
         if mixed is not None and ahead is not None:
             trusted = regular & ~settled & ~stuck
             mixed, moved = mixed.after(
@@ -212,7 +224,9 @@ class SparseNewton(optx.AbstractMinimiser):
             )
             # Steps of this kind have no shift; those that follow begin without.
             shift = jnp.where(mixed.on | free, 0.0, shift)
-        state = NewtonState(moved, shift, factor, state.factorisations + tries, leaving, mixed, settled, stuck)
+        state = NewtonState(
+            moved, shift, factor, state.factorisations + tries, leaving, mixed, hopeless, settled, stuck
+        )
         return moved.y, state, None
 
     def _factorise(

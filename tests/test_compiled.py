@@ -1,0 +1,131 @@
+"""Little is compiled, and nothing twice: programs and lines of them, counted. Times are in the benchmarks."""
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import optax
+import optimistix as optx
+import pytest
+
+import shellkit as sk
+from shellkit._problem import Start
+from shellkit._solve.plain import PlainNewton
+
+
+_compiled = []
+jax.monitoring.register_event_duration_secs_listener(
+    lambda event, seconds, **_: _compiled.append(event) if event.endswith("backend_compile_duration") else None
+)
+
+MESH = sk.meshes.icosphere(subdivisions=1)
+ANGLES = jnp.asarray(np.random.default_rng(0).uniform(0, np.pi, MESH.n_faces))
+TARGET = jnp.asarray(np.asarray(MESH.vertices) * [0.95, 0.95, 1.2])
+WHERE = lambda p: (p.actuation.top.angle, p.actuation.bottom.angle)
+
+
+def design(**parts):
+    layer = lambda: sk.Nematic(angle=ANGLES, stretch=1.1)
+    given = {
+        "mesh": MESH,
+        "thickness": 0.1,
+        "actuation": sk.Bilayer(top=layer(), bottom=layer()),
+        "energy": sk.StVenantKirchhoff(1.0, 1.0) + sk.Bending(1.0, 1.0),
+        "loss": sk.VertexDistance(TARGET, aligner=sk.Kabsch()) + 1e-3 * sk.DirectorSmoothness(),
+    }
+    return sk.InverseProblem(**(given | parts))
+
+
+def programs(function):
+    """How many programs a call compiles, and what it returns."""
+    before = len(_compiled)
+    found = jax.block_until_ready(function())
+    return len(_compiled) - before, found
+
+
+def lines(function, *arguments):
+    return eqx.filter_jit(function).lower(*arguments).as_text().count("\n")
+
+
+SCENES = {
+    "free": {},
+    "clamped": {"mesh": sk.meshes.rectangle(1.0, 1.0, (4, 4)), "supports": sk.Clamped(lambda x: x[:, 0] < 1e-9)},
+    "directors": {"energy": sk.StVenantKirchhoff(1.0, 1.0) + sk.Bending(1.0, 1.0, directors="free")},
+    "from young": {"energy": sk.NeoHookean.from_young(1.0, 0.3) + sk.Bending.from_young(1.0, 0.3, form="tan")},
+}
+
+
+@pytest.mark.parametrize("scene", SCENES)
+def test_building_a_problem_compiles_nothing(scene):
+    parts = dict(SCENES[scene])
+    mesh = parts.pop("mesh", MESH)
+    zero = jnp.asarray(np.zeros(mesh.n_faces))
+
+    def build():
+        energy = parts.get("energy", sk.StVenantKirchhoff(1.0, 1.0) + sk.Bending(1.0, 1.0))
+        loss = sk.VertexDistance(mesh.vertices, aligner=sk.Kabsch())
+        sheet = sk.Nematic(angle=zero, stretch=1.1)
+        problem = sk.InverseProblem(mesh, 0.1, energy, sheet, loss, supports=parts.get("supports"))
+        return problem.mesh.vertices
+
+    assert programs(build)[0] == 0
+
+
+def test_a_relaxation_is_compiled_once_for_a_kind_of_scene():
+    problem = design()
+    count, _ = programs(lambda: problem().vertices)
+    assert 1 <= count <= 3
+    # Other numbers, another loss, an equilibrium to start from: the same program.
+    other = eqx.tree_at(lambda p: (p.actuation.top.angle, p.loss), problem, (ANGLES[::-1], sk.Sphericity()))
+    assert programs(lambda: other(problem()).vertices)[0] <= 1  # to reverse the angles
+    # What a fit compiles besides has no loop over steps in it: the relaxation is not among it.
+    fit = lambda p: sk.fit(p, optax.adam(0.1), steps=2, where=WHERE, progress=False)
+    first, result = programs(lambda: fit(problem))
+    assert first <= 8
+    assert programs(lambda: result.problem().vertices)[0] == 0
+    assert programs(lambda: fit(result.problem))[0] == 0
+    with_target = eqx.tree_at(lambda p: p.loss.terms[0].target, problem, TARGET * 1.01)
+    assert programs(lambda: fit(with_target))[0] <= 2
+
+
+@pytest.mark.parametrize(
+    "use",
+    [
+        lambda p: sk.fit(p, optx.LevenbergMarquardt(1e-6, 1e-9), steps=2, where=WHERE, progress=False).best_loss,
+        lambda p: sk.taylor_test(p, where=WHERE).slopes,
+        lambda p: sk.identifiability(p, where=WHERE, count=3).singular_values,
+        lambda p: sk.distinct_equilibria(p, starts=1).equilibria[0].vertices,
+        lambda p: sk.relax(p, path=sk.Ramp(2)).vertices,
+        lambda p: sk.follow(p, path=sk.Ramp(2)).vertices,
+        lambda p: jax.grad(lambda a: eqx.tree_at(lambda q: q.actuation.top.angle, p, a).evaluate()[0])(ANGLES),
+    ],
+    ids=["least squares", "taylor", "identifiability", "distinct", "relax", "follow", "grad"],
+)
+def test_whoever_relaxes_uses_the_same_program(use, monkeypatch):
+    import shellkit._problem as problems
+
+    traced = []
+    relaxed = problems.InverseProblem._relaxed
+    # Layers that `at` scales are the same kind of layers, so that paths share the program as well.
+    problem = design(thickness=0.09)
+    problem()
+    monkeypatch.setattr(
+        problems.InverseProblem, "_relaxed", lambda self, *rest: traced.append(1) or relaxed(self, *rest)
+    )
+    jax.block_until_ready(use(problem))
+    assert traced == []
+
+
+def test_the_relaxation_is_a_small_program():
+    problem = design(loss=None)
+    start = Start.of(problem.mesh, problem.assembly, None)
+    assert lines(lambda p, s, b: p._relaxed(s, b), problem, PlainNewton(problem.solver), start) <= 5000
+
+
+def test_each_kernel_stands_once_in_a_relaxation():
+    """Arc tangents are taken of hinge angles only, three at a time: at rest, for a step, for a trial, and at the end."""
+    problem = design(loss=None)
+    start = Start.of(problem.mesh, problem.assembly, None)
+    text = eqx.filter_jit(lambda p, s, b: p._relaxed(s, b)).lower(problem, PlainNewton(problem.solver), start).as_text()
+    assert text.count("stablehlo.atan2") + text.count("chlo.atan2") == 4
+    assert text.count("stablehlo.while") <= 6
