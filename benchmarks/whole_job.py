@@ -62,6 +62,6 @@ def page(rows: list[Row]) -> str:
 
 
 _INTRODUCTION = """\
-Whole processes, one after another: seconds after Python was started, medians of three. *Cold* compiles everything;
-*cache of an earlier run* has JAX's persistent cache, as the examples do. The peer's design step contains its relaxation,
-so that its final shape comes with the last step."""
+Whole processes, one after another: seconds after Python was started, medians of three. The first row compiles
+everything; *cache of an earlier run* has JAX's persistent cache, as the examples do. The peer's design step contains
+its relaxation, so that its final shape comes with the last step."""

@@ -123,7 +123,7 @@ def test_the_relaxation_is_a_small_program():
 
 
 def test_each_kernel_stands_once_in_a_relaxation():
-    """Arc tangents are taken of hinge angles only, three at a time: at rest, for a step, for a trial, and at the end."""
+    """Arc tangents are taken of hinge angles only: at rest, for a step, for a trial, and at the end."""
     problem = design(loss=None)
     start = Start.of(problem.mesh, problem.assembly, None)
     text = eqx.filter_jit(lambda p, s, b: p._relaxed(s, b)).lower(problem, PlainNewton(problem.solver), start).as_text()

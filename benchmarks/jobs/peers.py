@@ -28,12 +28,12 @@ def main(path: str, steps: int, adjoint: str) -> None:
 
     @eqx.filter_jit
     def step(scene, angles, state):
-        (value, aux), gradient = partial(peer._design_step, adjoint)(scene, angles)
+        (value, _), gradient = partial(peer._design_step, adjoint)(scene, angles)
         updates, state = optimiser.update(gradient, state)
         return optax.apply_updates(angles, updates), state, value
 
     for number in range(steps):
-        angles, state, value = jax.block_until_ready(step(scene, angles, state))
+        angles, state, _ = jax.block_until_ready(step(scene, angles, state))
         if number == 0:
             mark("first design step")
     mark("all steps")

@@ -15,6 +15,7 @@ CORNERS = [0, 4]
 MOVED = SHEET.vertices[np.array(CORNERS)] + jnp.array([[0.0, 0.05, 0.02], [0.0, -0.05, 0.02]])
 ANGLES = jnp.asarray(np.random.default_rng(0).uniform(0, np.pi, SHEET.n_faces))
 ENERGY = sk.StVenantKirchhoff(1.0, 1.0) + sk.Bending(1.0, 1.0)
+FREE = sk.StVenantKirchhoff(1.0, 1.0) + sk.Bending(1.0, 1.0, directors="free")
 TARGET = SHEET.vertices * jnp.array([1.05, 0.95, 1.0])
 
 
@@ -66,11 +67,7 @@ def test_a_part_swapped_gives_what_a_problem_built_with_it_does(built, part):
 
 
 REFUSED = {
-    "directors": (
-        lambda p: p.energy,
-        sk.StVenantKirchhoff(1.0, 1.0) + sk.Bending(1.0, 1.0, directors="free"),
-        "energy",
-    ),
+    "directors": (lambda p: p.energy, FREE, "energy"),
     "term": (lambda p: p.energy, ENERGY + sk.PointLoad([3], [0.0, 0.0, 1e-4]), "energy"),
     "supports": (lambda p: p.supports, sk.Clamped(CORNERS).on(SHEET), "supports"),
     "mesh": (lambda p: p.mesh, sk.meshes.rectangle(length=1.0, width=1.0, cells=(3, 4)), "mesh"),
@@ -94,12 +91,11 @@ def test_a_part_that_does_not_fit_is_refused_by_name(built, part):
 
 
 def test_what_was_refused_is_replaced():
-    free = sk.StVenantKirchhoff(1.0, 1.0) + sk.Bending(1.0, 1.0, directors="free")
-    replaced = scene().replace(energy=free, supports=None)
+    replaced = scene().replace(energy=FREE, supports=None)
     assert replaced().directors is not None
-    np.testing.assert_allclose(replaced().energy, scene(energy=free, supports=None)().energy, rtol=1e-12)
+    np.testing.assert_allclose(replaced().energy, scene(energy=FREE, supports=None)().energy, rtol=1e-12)
     with pytest.raises(ValueError, match="there is no part 'material'"):
-        replaced.replace(material=free)
+        replaced.replace(material=FREE)
 
 
 def directional(problem, where, direction):
