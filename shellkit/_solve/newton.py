@@ -116,8 +116,8 @@ class SparseNewton(optx.AbstractMinimiser):
     - `options["apart"]`: the energy with its strains as unknowns of their own, for steps in narrow valleys: a pair of
         `y -> ` the strains, and `(y, strains, at_strains) -> ` what `options["derivatives"]` gives, at those strains or
         at those of `y`, and `step -> ` the strains to which it leads. Without it there are no such steps.
-    - `options["hopeless"]`: `y -> bool`, whether no minimum can be found from there. Three steps in a row at such points
-        end the search.
+    - `options["hopeless"]`: `y -> bool`, whether no minimum can be found from there. Three steps in a row at such
+        points end the search.
     - `options["structure"]`: `y -> ` a matrix of the structure of the Hessian, whose values do not count. It saves
         tracing the Hessian twice.
 
