@@ -12,7 +12,8 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Scalar
 
 from ._equilibrium import RESULTS, Equilibrium
-from ._problem import InverseProblem, Start
+from ._problem import InverseProblem
+from ._relaxed import Start
 from ._tracing import frozen, is_traced, with_parts
 
 

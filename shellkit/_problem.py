@@ -3,84 +3,35 @@
 from typing import Any, ClassVar
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
-import numpy as np
 import optimistix as optx
-from jax.core import Tracer
-from jaxtyping import Array, Bool, Float, Scalar
+from jaxtyping import Array, Float, Scalar
 
 from ._actuation import Actuation, Passive
-from ._align import Kabsch
+from ._checks import check_constraints, check_one_curvature, checked_thickness
 from ._citation import citation
 from ._energy import AbstractEnergy, Assembly, Constraint, DiscreteEnergy, FormEnergy, refuse_held_moments
-from ._equilibrium import RESULTS, Diagnostics, Equilibrium, Pose
+from ._equilibrium import Diagnostics, Equilibrium, Pose
+from ._forward import assess, near, pose_of, relax, respond
 from ._geometry.forms import CurvatureForm
-from ._geometry.patches import Hinges, Triangles
-from ._geometry.surface import edge_lengths
-from ._holding import Stationary, differentiable_held, padded
 from ._loss import Loss
 from ._mesh.mesh import Mesh
 from ._origin import Origin
 from ._papers import BRADBURY_2018, KIDGER_2021, RADER_2024
 from ._precision import require_x64
-from ._relaxation import End, minimised, minimised_held
+from ._relaxed import Relaxed, Start
 from ._rest import RestShape, checked_rest_lengths
-from ._solve.adjoint import MANY, differentiable_minimum
-from ._solve.bordered import BorderedSolver
 from ._solve.choose import default_direct_solver
-from ._solve.direct import AbstractSparseSolver, LastFactor
+from ._solve.direct import AbstractSparseSolver
 from ._solve.newton import SparseNewton
 from ._solve.operator import SparseSymmetric
 from ._solve.plain import PlainNewton
-from ._solve.response import responding_minimum
 from ._supports import Supports
 from ._symmetries import FreeMotions, count_motions, free_motions
 from ._tracing import frozen, is_traced, with_parts
-from ._waiting import announce
 
 
 _STEPS_OF_FIRST_ORDER_METHODS = 10_000
-_FOLDED = 179.0  # degrees
-
-
-class Start(eqx.Module):
-    """Where a relaxation begins. Always of arrays: whatever it is, the program is the same."""
-
-    vertices: Float[Array, "V 3"]
-    directors: Float[Array, " E"] | None
-    multipliers: Float[Array, " m"] | None
-
-    @classmethod
-    def of(cls, mesh: Mesh, assembly: Assembly, start: "Equilibrium | Start | None") -> "Start":
-        """An equilibrium, or the surface at rest; what it lacks is zero."""
-        found = (mesh.vertices, None, None)
-        if start is not None:
-            found = (start.vertices, start.directors, start.multipliers)
-        zeros = lambda n: jnp.asarray(np.zeros(n))
-        return cls(
-            found[0],
-            None if assembly.n_directors == 0 else zeros(assembly.n_directors) if found[1] is None else found[1],
-            None if assembly.n_constraints == 0 else zeros(assembly.n_constraints) if found[2] is None else found[2],
-        )
-
-
-class Relaxed(eqx.Module):
-    """What a relaxation leaves, of which nothing is differentiated: the shape, its free unknowns, how it was found, and
-    for large problems the last factor, which is near that of the Hessian there."""
-
-    rest: RestShape
-    pose: Pose
-    found: Diagnostics
-    y: Float[Array, " n"]
-    stuck: Bool[Array, ""]
-    last: LastFactor | None
-
-    def after(self, earlier: Diagnostics) -> "Relaxed":
-        """This with the steps and factorisations of what came before."""
-        counts = lambda d: (d.steps, d.factorisations)
-        sums = tuple(a + b for a, b in zip(counts(self.found), counts(earlier), strict=True))
-        return eqx.tree_at(lambda r: counts(r.found), self, sums)
 
 
 class InverseProblem(eqx.Module):
@@ -151,7 +102,7 @@ class InverseProblem(eqx.Module):
         """
         require_x64("InverseProblem")
         self.mesh = mesh
-        self.thickness = _checked_thickness(thickness, mesh)
+        self.thickness = checked_thickness(thickness, mesh)
         self.actuation = Passive() if actuation is None else actuation
         self.supports = None if supports is None else supports.on(mesh)
         self.loss = loss
@@ -167,16 +118,16 @@ class InverseProblem(eqx.Module):
         self._check_parts()
         self.assembly = Assembly.of(self.energy, mesh, self.supports)
         self.origin = Origin.of(mesh, self.energy, self.supports)
-        self.most_motions = count_motions(mesh, self.supports)
+        self.most_motions = count_motions(mesh, self.supports, self.bends)
 
     def _check_parts(self) -> None:
         """What can be wrong with parts that may be swapped by `tree_at`: asked when a problem is built, and again
         whenever a program is traced for it."""
         if self.thickness.shape not in ((), (self.mesh.n_faces,)):
-            _checked_thickness(self.thickness, self.mesh)
+            checked_thickness(self.thickness, self.mesh)
         self.actuation.check(self.mesh)
-        _check_constraints(self.energy, self.solver)
-        _check_one_curvature([term for _, term in self.energy.weighted_terms()])
+        check_constraints(self.energy, self.solver)
+        check_one_curvature(self.energy)
         if self.loss is not None:
             self.loss.check(self.mesh, self.actuation)
 
@@ -200,7 +151,13 @@ class InverseProblem(eqx.Module):
         return InverseProblem(**{name: parts.get(name, getattr(self, name)) for name in names})
 
     def rest_shape(self) -> RestShape:
-        """The rest shape under actuation."""
+        """The rest shape under actuation.
+
+        **Raises:** `ValueError` if parts were swapped that do not fit, or that the problem was not built for; the
+        message says how to replace them.
+        """
+        self.origin.check(self.mesh, self.energy, self.supports)
+        self._check_parts()
         terms = (term for _, term in self.energy.weighted_terms())
         forms: list[CurvatureForm] = [t.form for t in terms if isinstance(t, FormEnergy) and t.form is not None]
         beyond = None if self.supports is None or not forms else self.supports.at(0.0).continuation(self.mesh)
@@ -210,20 +167,22 @@ class InverseProblem(eqx.Module):
         return actuated.sharing_edges(self.mesh) if shared else actuated
 
     def discrete_energy(self) -> DiscreteEnergy:
-        """The energy as a function of the vector of free unknowns, with its gradient and sparse Hessian.
+        """The energy as a function of the vector of free unknowns, with its gradient and sparse Hessian."""
+        return self.energy_of(self.rest_shape())
 
-        **Raises:** `ValueError` if parts were swapped that it was not built for; the message says how to replace them.
-        """
-        return self._discrete_energy(self.rest_shape())
-
-    def _discrete_energy(self, rest: RestShape) -> DiscreteEnergy:
-        self.origin.check(self.mesh, self.energy, self.supports)
-        self._check_parts()
+    def energy_of(self, rest: RestShape) -> DiscreteEnergy:
+        """What `discrete_energy` returns, for a rest shape that is at hand."""
         held, beyond = self.mesh.vertices, None
         if self.supports is not None:
             held, beyond = self.supports.held_positions(self.mesh), self.supports.continuation(self.mesh)
         held = self.assembly.join(held, None)
         return DiscreteEnergy(self.energy, self.mesh, rest, self.assembly, held, beyond)
+
+    @property
+    def bends(self) -> bool:
+        """Whether a term of the energy depends on curvature."""
+        terms = (term for _, term in self.energy.weighted_terms())
+        return any(isinstance(term, FormEnergy) and term.form is not None for term in terms)
 
     def rigid_motions(self, energy: DiscreteEnergy | None = None) -> FreeMotions | None:
         """The rigid motions that cost nothing, with supports and loads as they are now; `None` if there is none.
@@ -297,13 +256,13 @@ class InverseProblem(eqx.Module):
         bare = with_parts(self, loss=None)
         begin = Start.of(self.mesh, self.assembly, start)
         if is_traced((bare, begin)) or not isinstance(self.solver, SparseNewton) or begin.multipliers is not None:
-            return _relax(*frozen((bare, self.solver, begin)))
+            return relax(*frozen((bare, self.solver, begin)))
         # Few relaxations need all that the solver can do, which takes long to compile: they go on with it.
-        found = _relax(bare, PlainNewton(self.solver), begin)
+        found = relax(bare, PlainNewton(self.solver), begin)
         if not found.stuck:
             return found
         after = Start(found.pose.vertices, found.pose.directors, None)
-        return _relax(bare, self.solver, after).after(found.found)
+        return relax(bare, self.solver, after).after(found.found)
 
     def responding(self, found: Relaxed) -> Equilibrium:
         """The equilibrium that was found, as a function of every array of the problem: with its derivative there.
@@ -313,66 +272,8 @@ class InverseProblem(eqx.Module):
         - `found`: what `relaxed` returned for this problem at its present arrays.
         """
         bare = with_parts(self, loss=None)
-        rest, pose = _respond(bare, frozen(found), posed=True)
+        rest, pose = respond(bare, frozen(found), posed=True)
         return Equilibrium.of(self.mesh, rest, pose, frozen(found.found))
-
-    def _relaxed(self, solver: optx.AbstractMinimiser, start: Start) -> Relaxed:
-        announce("the relaxation of this kind of scene")
-        rest = self.rest_shape()
-        energy = self._discrete_energy(rest)
-        y0 = self.assembly.restrict(self.assembly.join(start.vertices, start.directors))
-        motions = self.rigid_motions(energy)
-        length = jnp.mean(edge_lengths(self.mesh.vertices, self.mesh))
-        linear_solver = self.linear_solver()
-        multipliers = last = None
-        if energy.quantities is None:
-            end = minimised(energy, y0, motions, length, solver, linear_solver, self._step_limit())
-            y, last = end.y, end.last if len(y0) >= MANY else None
-        else:
-            assert isinstance(solver, SparseNewton)  # as was checked when the problem was built
-            end, held = minimised_held(energy, y0, start.multipliers, motions, length, solver, self._step_limit())
-            y, multipliers = held.y, held.multipliers
-        pose = self.posed(energy, y, motions, multipliers)
-        stuck = end.result == optx.RESULTS.nonlinear_divergence
-        return Relaxed(rest, pose, self._diagnostics(energy, end, pose.vertices), y, stuck, last)
-
-    def _responding(self, found: Relaxed, posed: bool) -> tuple[RestShape, Pose]:
-        rest = self.rest_shape()
-        energy = self._discrete_energy(rest)
-        motions = frozen(self.rigid_motions(energy))
-        linear_solver, multipliers = self.linear_solver(), found.pose.multipliers
-        if multipliers is None:
-            last = None if found.last is None else (found.last, self.assembly.pattern)
-            y = differentiable_minimum(energy, found.y, motions, linear_solver, last)
-        else:
-            y, multipliers = differentiable_held(energy, found.y, multipliers, motions, linear_solver)
-        if not posed:
-            return rest, Pose(*energy.state(y), multipliers=multipliers)
-        return rest, self.posed(energy, y, motions, multipliers)
-
-    def _diagnostics(self, energy: DiscreteEnergy, end: End, vertices: Float[Array, "V 3"]) -> Diagnostics:
-        converged = end.result == optx.RESULTS.successful
-        result = RESULTS.promote(end.result)
-        result = RESULTS.where(end.result == optx.RESULTS.nonlinear_divergence, RESULTS.stuck, result)
-        worst_hinge = None
-        if energy.faces is not None and energy.faces.form is not None:
-            angles = jnp.abs(Hinges(vertices, self.mesh, Triangles(vertices, self.mesh)).angles)
-            flat = jnp.argmax(angles)
-            worst_hinge = self.mesh.face_edges.T.reshape(-1)[flat]
-            folded = ~converged & (jnp.max(angles) > jnp.deg2rad(_FOLDED))
-            # Only an averaged normal vanishes on a fold, and only a form that stays finite there can end on it.
-            averaged = energy.faces.form != "tan" and energy.faces.director_length is None
-            result = RESULTS.where(folded, RESULTS.hinge_folded if averaged else RESULTS.hinge_pressed, result)
-        return Diagnostics(
-            energy=end.value,
-            gradient_norm=jnp.linalg.norm(end.gradient),
-            steps=end.steps,
-            factorisations=end.factorisations,
-            converged=converged,
-            stable=end.stable,
-            result=result,
-            worst_hinge=worst_hinge,
-        )
 
     @property
     def needs_shape(self) -> bool:
@@ -403,14 +304,14 @@ class InverseProblem(eqx.Module):
         if self.loss is None or self.loss.sees_motion or self.supports is not None:
             return self._assessed(self.responding(found))
         # A loss that a rigid motion does not change is spared the derivative of the pose.
-        rest, pose = _respond(with_parts(self, loss=None), frozen(found), posed=False)
+        rest, pose = respond(with_parts(self, loss=None), frozen(found), posed=False)
         value, (terms, _) = self._assessed(Equilibrium.of(self.mesh, rest, pose, found.found))
         return value, (terms, Equilibrium.of(self.mesh, rest, found.pose, found.found))
 
     def _assessed(self, equilibrium: Equilibrium) -> tuple[Scalar, tuple[dict[str, Scalar], Equilibrium]]:
         if self.loss is None:
             raise ValueError("This InverseProblem has no loss: give it one, such as loss=sk.VertexDistance(target).")
-        value, terms = _assess(self.loss, equilibrium, self.actuation)
+        value, terms = assess(self.loss, equilibrium, self.actuation)
         return value, (terms, equilibrium)
 
     def evaluate(self) -> tuple[Scalar, dict[str, Scalar]]:
@@ -430,21 +331,8 @@ class InverseProblem(eqx.Module):
 
         - `equilibrium`: of this problem at its present arrays.
         """
-        rest, pose = _near(with_parts(self, loss=None), equilibrium)
+        rest, pose = near(with_parts(self, loss=None), equilibrium)
         return Equilibrium.of(self.mesh, rest, pose, frozen(equilibrium.diagnostics))
-
-    def _near(self, equilibrium: Equilibrium) -> tuple[RestShape, Pose]:
-        rest = self.rest_shape()
-        energy, solver = self._discrete_energy(rest), self.linear_solver()
-        y = self.assembly.restrict(self.assembly.join(equilibrium.vertices, equilibrium.directors))
-        motions, multipliers = frozen(self.rigid_motions(energy)), equilibrium.multipliers
-        if multipliers is None:
-            y = responding_minimum(energy, y, motions, solver)
-        else:
-            z, m = jnp.concatenate([y, multipliers]), len(multipliers)
-            z = responding_minimum(Stationary(energy), z, padded(motions, m), BorderedSolver(solver))
-            y, multipliers = z[:-m], z[-m:]
-        return rest, self.posed(energy, y, motions, multipliers)
 
     def residuals(self, equilibrium: Equilibrium) -> Float[Array, " m"]:
         """The numbers whose squares sum to the loss, at an equilibrium of this problem that was found before: what
@@ -508,96 +396,11 @@ class InverseProblem(eqx.Module):
         motions: FreeMotions | None = None,
         multipliers: Float[Array, " m"] | None = None,
     ) -> Pose:
-        """What [`shellkit.Equilibrium`][] reports of a shape.
+        """What [`shellkit.Equilibrium`][] reports of a shape; see `pose_of`."""
+        return pose_of(self, energy, y, motions, multipliers)
 
-        Of a free shell the pose is that nearest to the surface at rest, with no net translation or rotation.
-
-        **Arguments:**
-
-        - `energy`: as `discrete_energy` returns it.
-        - `y`: the vector of free unknowns.
-        - `motions`: as `rigid_motions` returns them, if they are at hand.
-        - `multipliers`: of what is held exactly or by springs; `None` where nothing is.
-        """
-        vertices, directors = energy.state(y)
-        energy = energy if multipliers is None else energy.held_by(multipliers)
-        reactions, moments = None, energy.held_moments(y)
-        if self.assembly.free is not None:
-            held = energy.full_gradient(y).at[self.assembly.free].set(0.0)
-            reactions, _ = self.assembly.split_forces(held)
-        if self.supports is None:
-            # The pose is that nearest to the start: no net translation or rotation of the displacement.
-            brought_back = Kabsch()(vertices, self.mesh.vertices)
-            motions = self.rigid_motions(energy) if motions is None else motions
-            if motions is None or motions.hindrances is None:
-                vertices = brought_back
-            else:
-                vertices = jnp.where(frozen(motions).are_free(jax.lax.stop_gradient(y)), brought_back, vertices)
-        return Pose(vertices, directors, reactions, moments, multipliers)
-
-    def _step_limit(self) -> int:
+    def step_limit(self) -> int:
+        """How many steps the minimiser may take."""
         if self.max_steps is not None:
             return self.max_steps
         return self.solver.max_steps if isinstance(self.solver, SparseNewton) else _STEPS_OF_FIRST_ORDER_METHODS
-
-
-@eqx.filter_jit
-def _relax(problem: InverseProblem, solver: optx.AbstractMinimiser, start: Start) -> Relaxed:
-    return problem._relaxed(solver, start)
-
-
-@eqx.filter_jit
-def _respond(problem: InverseProblem, found: Relaxed, posed: bool) -> tuple[RestShape, Pose]:
-    return problem._responding(found, posed)
-
-
-@eqx.filter_jit
-def _near(problem: InverseProblem, equilibrium: Equilibrium) -> tuple[RestShape, Pose]:
-    return problem._near(equilibrium)
-
-
-@eqx.filter_jit
-def _assess(loss: Loss, equilibrium: Equilibrium, actuation: Actuation) -> tuple[Scalar, dict[str, Scalar]]:
-    return loss.evaluate(equilibrium, actuation)
-
-
-def _checked_thickness(thickness: float | Array, mesh: Mesh) -> Array:
-    thickness = jnp.asarray(thickness, dtype=float)
-    if thickness.shape not in ((), (mesh.n_faces,)):
-        raise ValueError(
-            f"InverseProblem: thickness has shape {thickness.shape}; give one number or one a face, "
-            f"shape ({mesh.n_faces},)."
-        )
-    if not isinstance(thickness, Tracer):
-        numbers = np.atleast_1d(np.asarray(thickness))
-        bad = np.flatnonzero(~(np.isfinite(numbers) & (numbers > 0)))
-        if len(bad):
-            where = f" of face {bad[0]}" if numbers.size > 1 else ""
-            raise ValueError(
-                f"InverseProblem: the thickness{where} is {numbers[bad[0]]}; it must be positive and finite."
-            )
-    return thickness
-
-
-def _check_constraints(energy: AbstractEnergy, solver: optx.AbstractMinimiser) -> None:
-    for weight, term in energy.weighted_terms():
-        if not isinstance(term, Constraint):
-            continue
-        name = type(term).__name__
-        if not isinstance(solver, SparseNewton):
-            raise ValueError(
-                f"{name}: the multiplier of a constraint is found by SparseNewton only, not by {type(solver).__name__}."
-            )
-        if weight is not None:
-            raise ValueError(f"{name}: a constraint has no weight; give it a stiffness, or leave the weight out.")
-
-
-def _check_one_curvature(terms) -> None:
-    """All bending terms of a sum measure one curvature: they share the rest shape and the edge normals."""
-    bending = [term for term in terms if isinstance(term, FormEnergy) and term.form is not None]
-    kinds = {(term.form, term.directors) for term in bending}
-    if len(kinds) > 1:
-        listed = "; ".join(f"form={form!r}, directors={directors!r}" for form, directors in sorted(kinds))
-        raise ValueError(
-            f"The bending terms of the energy measure curvature in different ways ({listed}); give all the same."
-        )

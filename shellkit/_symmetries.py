@@ -4,12 +4,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int
 
 from ._energy import Assembly, DiscreteEnergy
 from ._mesh.mesh import Mesh
 from ._supports import Supports
+from ._tracing import is_traced
 
 
 _TOLERANCE = 1e-9
@@ -114,27 +114,42 @@ def free_motions(energy: DiscreteEnergy, mesh: Mesh, supports: Supports | None, 
     return FreeMotions(centre, hindrances, units, energy.assembly, held, clamped, count)
 
 
-def count_motions(mesh: Mesh, supports: Supports | None) -> int:
+def count_motions(mesh: Mesh, supports: Supports | None, bends: bool) -> int:
     """How many rigid motions supports leave free at most, at rest or where they lead; found on the host.
 
     All six where it is not known, as positions are traced: those that are hindered then come as zeros.
+
+    **Arguments:**
+
+    - `mesh`: the surface at rest.
+    - `supports`: what is held; `None` for nothing.
+    - `bends`: whether the energy feels the normals of edges, which then cannot turn about those that are held.
     """
     if supports is None:
         return 6
-    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((mesh, supports))):
+    if is_traced((mesh, supports)):
         return 6
+    edges = np.concatenate([np.asarray(part.held_edges(mesh)) for part in supports.parts()])
+    ends = np.asarray(mesh.edges)[edges] if bends else np.zeros((0, 2), int)
     # What is held in a line or a plane at rest may leave it on the way.
-    return max(_count(mesh, part, positions) for part, positions in supports.stations(mesh))
+    return max(_count(mesh, projectors, positions, ends) for projectors, positions in supports.stations(mesh))
 
 
-def _count(mesh: Mesh, projectors: Float[np.ndarray, "V 3 3"], positions: Float[np.ndarray, "V 3"]) -> int:
+def _count(
+    mesh: Mesh,
+    projectors: Float[np.ndarray, "V 3 3"],
+    positions: Float[np.ndarray, "V 3"],
+    clamped: Int[np.ndarray, "c 2"],
+) -> int:
     arms = positions - positions.mean(axis=0)
     size = max(np.ptp(np.asarray(mesh.vertices), axis=0).max(), 1e-300)
     x, y, z = arms.T / size
     zero = np.zeros_like(x)
     turns = np.stack([np.stack([zero, -z, y], -1), np.stack([z, zero, -x], -1), np.stack([-y, x, zero], -1)], -1)
     fields = np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), turns], axis=2)
-    rows = (projectors @ fields).reshape(-1, 6)
+    along = positions[clamped[:, 1]] - positions[clamped[:, 0]]
+    along = along / np.linalg.norm(along, axis=1, keepdims=True)
+    rows = np.concatenate([(projectors @ fields).reshape(-1, 6), np.concatenate([np.zeros_like(along), along], axis=1)])
     sizes = np.linalg.svd(rows, compute_uv=False)
     return 6 - int(np.count_nonzero(sizes > _TOLERANCE * max(sizes.max(initial=0.0), 1e-300)))
 

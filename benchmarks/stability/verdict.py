@@ -60,6 +60,14 @@ def judge(case: Case) -> Verdict:
     )
 
 
+def _free_motions(problem: sk.InverseProblem, equilibrium: sk.Equilibrium) -> int:
+    motions = problem.rigid_motions()
+    if motions is None:
+        return 0
+    unknowns = problem.assembly.join(equilibrium.vertices, equilibrium.directors)
+    return int(np.count_nonzero(np.any(motions(problem.assembly.restrict(unknowns)), axis=0)))
+
+
 def _at(problem: sk.InverseProblem, equilibrium: sk.Equilibrium) -> tuple[float, bool]:
     """The length of a Newton step from there in edges, and whether no direction leads down.
 
@@ -69,7 +77,7 @@ def _at(problem: sk.InverseProblem, equilibrium: sk.Equilibrium) -> tuple[float,
     gradient, hessian = (np.asarray(a) for a in _derivatives(problem, equilibrium.vertices, equilibrium.directors))
     size = 1 / np.sqrt(np.maximum(np.abs(np.diag(hessian)), 1e-300))
     values, vectors = np.linalg.eigh(hessian * size[:, None] * size[None, :])
-    rigid = 0 if problem.motions is None else problem.motions.count
+    rigid = _free_motions(problem, equilibrium)
     stiff = np.argsort(np.abs(values))[rigid:]
     step = size * (vectors[:, stiff] @ ((vectors[:, stiff].T @ (size * gradient)) / values[stiff]))
     ends = np.asarray(problem.mesh.vertices)[np.asarray(problem.mesh.edges)]

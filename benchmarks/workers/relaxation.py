@@ -37,7 +37,7 @@ class _Descent(eqx.Module):
         """Function, arguments and options, as `InverseProblem` gives them to a minimiser."""
         energy, mesh = self.problem.discrete_energy(), self.problem.mesh
         length = jnp.mean(edge_lengths(mesh.vertices, mesh))
-        options = minimiser_options(energy, self.problem.motions, length)
+        options = minimiser_options(energy, self.problem.rigid_motions(energy), length)
         return lambda y, _: (energy(y), None), None, options
 
     @eqx.filter_jit

@@ -63,14 +63,15 @@ class FaceHessians(eqx.Module):
     def lift(self) -> Blocks:
         """What, added to the first part, makes it positive definite but for motions that change none of the numbers."""
         diagonal = convexifying_diagonal(self.intrinsic)
-        return self._in_unknowns(diagonal[:, None] * self.corners, jnp.eye(3)[:, :, None] * diagonal[3:])
+        among_hinges = None if self.hinges is None else jnp.eye(3)[:, :, None] * diagonal[3:]
+        return self._in_unknowns(diagonal[:, None] * self.corners, among_hinges)
 
-    def _in_unknowns(self, carried: Float[Array, "k 9 F"], among_hinges: Float[Array, "h h F"]) -> Blocks:
+    def _in_unknowns(self, carried: Float[Array, "k 9 F"], among_hinges: Float[Array, "h h F"] | None) -> Blocks:
         """A matrix in the numbers, by its product with their derivatives and its part between half angles."""
         # Kept in memory, or XLA computes it again for each row.
         carried = jax.lax.optimization_barrier(carried)
         among_corners = _total([self.corners[a][:, None] * carried[a] for a in range(len(carried))])
-        if self.hinges is None:
+        if self.hinges is None or among_hinges is None:
             return among_corners, None, None
         among_hinges = self.hinges[:, :, None, None] * among_hinges[:, None, :, None] * self.hinges
         return among_corners, self.hinges[:, :, None] * carried[3:, None], among_hinges

@@ -53,7 +53,7 @@ class Scene(eqx.Module):
     structure: Callable[[Array], SparseSymmetric | Bordered]  # a matrix like the Hessian, whose values do not count
 
 
-def scene_of(fn: Callable, args: Any, options: dict[str, Any]) -> Scene:
+def scene_of(fn: Any, args: Any, options: dict[str, Any]) -> Scene:
     """What the options of a minimiser say of the function."""
     if "hessian" not in options and "derivatives" not in options:
         raise ValueError(

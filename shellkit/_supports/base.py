@@ -54,8 +54,8 @@ class Supports(eqx.Module):
         for part in self.parts():
             part.on(mesh).check_shapes(mesh)
         if len(self.parts()) > 1 and not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((self, mesh))):
-            for part, gap in zip(self.parts(), _gaps(self, mesh), strict=True):
-                _refuse_conflict(part, mesh, np.asarray(gap))
+            for part, gap in zip(self.parts(), _gaps(self.on(mesh), mesh), strict=True):
+                _refuse_conflict(part.on(mesh), mesh, np.asarray(gap))
 
     def held_positions(self, mesh: Mesh) -> Float[Array, "V 3"]:
         """Where the vertices are held; as at rest in the directions, and at the vertices, that are not."""
@@ -94,7 +94,7 @@ class Supports(eqx.Module):
         projectors = _projectors(self.parts(), mesh)
         stations = [(projectors, np.asarray(mesh.vertices))]
         if any(part.moves for part in self.parts()):
-            stations.append((projectors, np.asarray(_held_positions(self, mesh))))
+            stations.append((projectors, np.asarray(_held_positions(self.on(mesh), mesh))))
         return stations
 
     def continuation(self, mesh: Mesh) -> Continuation | None:

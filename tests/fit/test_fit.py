@@ -154,7 +154,7 @@ def test_a_fit_compiles_once_and_the_next_one_not_at_all(make_quadratic, angle, 
 
     trace = lambda: traces.append(1)
     first = compiled(make_quadratic(traced=trace), 6)
-    assert [first.count(f"jit({name})") for name in ("evaluate", "advance", "move")] == [1, 1, 1]
+    assert [first.count(f"jit({name})") for name in ("_evaluate", "advance", "move")] == [1, 1, 1]
     count = len(traces)
     assert not compiled(make_quadratic(start=0.3, traced=trace), 8)
     assert len(traces) == count

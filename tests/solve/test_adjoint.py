@@ -9,8 +9,9 @@ import pytest
 from jaxtyping import Array, Float
 
 import shellkit as sk
-from shellkit._solve.adjoint import LastFactor, differentiable_minimum
+from shellkit._solve.adjoint import differentiable_minimum
 from shellkit._solve.choose import default_direct_solver
+from shellkit._solve.direct import LastFactor
 from shellkit._solve.pattern import SymmetricPattern
 
 
@@ -55,6 +56,10 @@ def derivative(chain, y, direction, last):
     )[1]
 
 
+def kept(factor):
+    return LastFactor.of(factor), factor.pattern
+
+
 @pytest.mark.parametrize("off", [None, 0.0, 0.05, 30.0], ids=["none", "of the minimum", "of nearby", "of far away"])
 def test_whatever_factor_is_left(chain, off):
     chain, y = chain
@@ -62,7 +67,7 @@ def test_whatever_factor_is_left(chain, off):
     last = None
     if off is not None:
         near = y + off * jax.random.normal(jax.random.key(1), (N,))
-        last = LastFactor(default_direct_solver().factorise(chain.hessian(near)), None)
+        last = kept(default_direct_solver().factorise(chain.hessian(near)))
     exact = np.linalg.solve(chain.hessian(y).as_matrix(), direction)
     found = derivative(chain, y, direction, last)
     assert np.linalg.norm(found - exact) < 1e-11 * np.linalg.norm(exact)
@@ -72,7 +77,7 @@ def test_factor_overwritten_by_that_of_another_matrix(chain):
     chain, y = chain
     solver = default_direct_solver()
     direction = jax.random.normal(jax.random.key(0), (N,))
-    last = LastFactor(solver.factorise(chain.hessian(y)), None)
+    last = kept(solver.factorise(chain.hessian(y)))
     jax.block_until_ready(solver.factorise(chain.hessian(100 * jnp.flip(y) + 7)).negative)
     exact = np.linalg.solve(chain.hessian(y).as_matrix(), direction)
     assert np.linalg.norm(derivative(chain, y, direction, last) - exact) < 1e-11 * np.linalg.norm(exact)
@@ -88,7 +93,7 @@ def test_singular_hessian_gives_no_number(chain):
 
     slack = Slack(chain.force, chain.pattern, chain.positions)
     y = jnp.zeros(N)
-    last = LastFactor(default_direct_solver().factorise(chain.hessian(y)), None)
+    last = kept(default_direct_solver().factorise(chain.hessian(y)))
     solver = default_direct_solver()
     moved = jax.jvp(
         lambda force: differentiable_minimum(eqx.tree_at(lambda c: c.force, slack, force), y, None, solver, last),

@@ -121,7 +121,8 @@ def test_moments_are_what_turning_a_clamp_takes(directors):
         return eqx.tree_at(lambda e: (e.held, arms(e)), energy, (held, turned))(y)
 
     energy = problem.discrete_energy()
-    vertices, _, forces, couples = problem.posed(energy, y)
+    pose = problem.posed(energy, y)
+    vertices, forces, couples = pose.vertices, pose.reactions, pose.moments
     total = jnp.sum(jnp.cross(vertices, forces), axis=0) + jnp.sum(couples, axis=0)
     np.testing.assert_allclose(total, jax.grad(work)(jnp.zeros(3)), rtol=1e-9)
     assert float(jnp.abs(jnp.sum(couples, axis=0)).max()) > 0.01 * float(jnp.abs(total).max())
