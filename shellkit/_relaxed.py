@@ -1,7 +1,6 @@
 """What a relaxation begins with, and what it leaves."""
 
 import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
@@ -10,6 +9,7 @@ from ._equilibrium import Diagnostics, Equilibrium, Pose
 from ._mesh.mesh import Mesh
 from ._rest import RestShape
 from ._solve.direct import LastFactor
+from ._tracing import known, with_parts
 
 
 class Start(eqx.Module):
@@ -25,7 +25,7 @@ class Start(eqx.Module):
         found = (mesh.vertices, None, None)
         if start is not None:
             found = (start.vertices, start.directors, start.multipliers)
-        zeros = lambda n: jnp.asarray(np.zeros(n))
+        zeros = lambda n: known(np.zeros(n))
         return cls(
             found[0],
             None if assembly.n_directors == 0 else zeros(assembly.n_directors) if found[1] is None else found[1],
@@ -46,6 +46,7 @@ class Relaxed(eqx.Module):
 
     def after(self, earlier: Diagnostics) -> "Relaxed":
         """This with the steps and factorisations of what came before."""
-        counts = lambda d: (d.steps, d.factorisations)
-        sums = tuple(a + b for a, b in zip(counts(self.found), counts(earlier), strict=True))
-        return eqx.tree_at(lambda r: counts(r.found), self, sums)
+        more = lambda one, other: known(np.asarray(one) + np.asarray(other))
+        steps = more(self.found.steps, earlier.steps)
+        factorisations = more(self.found.factorisations, earlier.factorisations)
+        return with_parts(self, found=with_parts(self.found, steps=steps, factorisations=factorisations))

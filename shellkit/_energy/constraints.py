@@ -13,6 +13,7 @@ from .._geometry.rowwise import length
 from .._mesh.mesh import Mesh
 from .._papers import NOCEDAL_2006
 from .._supports.selection import Numbers
+from .._tracing import known
 from .base import AbstractEnergy, EnergyTerm
 from .followers import Pressure
 
@@ -114,7 +115,7 @@ class VolumeConstraint(Constraint):
         self.volume = None if volume is None else jnp.asarray(volume, dtype=float)
         self.apex = None if apex is None else jnp.asarray(apex, dtype=float)
         self.stiffness = None if stiffness is None else jnp.asarray(stiffness, dtype=float)
-        self.progress = jnp.asarray(1.0)
+        self.progress = known(np.float64(1.0))
 
     def measure(self) -> EnergyTerm:
         return Pressure(-1.0, self.apex)
@@ -150,7 +151,7 @@ class AreaConstraint(Constraint):
         """
         self.area = None if area is None else jnp.asarray(area, dtype=float)
         self.stiffness = None if stiffness is None else jnp.asarray(stiffness, dtype=float)
-        self.progress = jnp.asarray(1.0)
+        self.progress = known(np.float64(1.0))
 
     def measure(self) -> EnergyTerm:
         return _Area()
@@ -185,7 +186,7 @@ class Inflation(Constraint):
         """
         self.factor = jnp.asarray(factor, dtype=float)
         self.stiffness = None
-        self.progress = jnp.asarray(1.0)
+        self.progress = known(np.float64(1.0))
 
     def check(self, mesh: Mesh) -> None:
         check_number("Inflation", "factor", self.factor, positive=True)

@@ -11,6 +11,7 @@ from jaxtyping import Array, Float, Int
 from .._geometry.rowwise import unit
 from .._geometry.surface import face_normals
 from .._mesh.mesh import Mesh
+from .._tracing import known
 from .base import SingleSupport
 from .selection import Numbers, Selection, as_selection, selected, selected_edges
 
@@ -49,7 +50,7 @@ class Pinned(SingleSupport):
         self.vertices = as_selection(vertices)
         self.positions = None if positions is None else jnp.asarray(positions, dtype=float)
         self.displacement = None if displacement is None else jnp.asarray(displacement, dtype=float)
-        self.progress = jnp.asarray(1.0)
+        self.progress = known(np.float64(1.0))
         if positions is not None and displacement is not None:
             raise ValueError("Pinned: give positions or a displacement, not both.")
 
@@ -126,14 +127,15 @@ class Clamped(SingleSupport):
         """
         self.vertices = as_selection(vertices)
         self.edges = None
-        self.displacement = jnp.zeros(3) if displacement is None else jnp.asarray(displacement, dtype=float)
+        self.displacement = known(np.zeros(3)) if displacement is None else jnp.asarray(displacement, dtype=float)
         self.rotation = None if rotation is None else jnp.asarray(rotation, dtype=float)
         self.centre = None if centre is None else jnp.asarray(centre, dtype=float)
-        self.progress = jnp.asarray(1.0)
+        self.progress = known(np.float64(1.0))
 
     @property
     def moves(self) -> bool:
-        return True
+        still = self.rotation is None and not isinstance(self.displacement, Tracer) and not np.any(np.asarray(self.displacement))
+        return not still
 
     def on(self, mesh: Mesh) -> "Clamped":
         if self.edges is not None:

@@ -61,7 +61,7 @@ class Sliding(SingleSupport):
         self.normal = None if normal is None else _direction("Sliding", "normal", normal)
         self.along = None if along is None else _direction("Sliding", "along", along)
         self.displacement = None if displacement is None else jnp.asarray(displacement, dtype=float)
-        self.progress = jnp.asarray(1.0)
+        self.progress = known(np.float64(1.0))
 
     @property
     def moves(self) -> bool:
