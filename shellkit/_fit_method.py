@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array
 
 from ._design import Design
-from ._fit_step import Evaluation, advance, evaluate, move, strong
+from ._fit_step import Evaluation, advance, compile_ahead, evaluate, move, strong
 from ._history import Scalar
 from ._same import first_like
 
@@ -77,6 +77,7 @@ class GradientMethod(Method):
 
     def begin(self, design: Design, values: dict[str, Array]) -> Course:
         free = strong(design.free(values))
+        compile_ahead(design, free)
         return Course(free, jax.tree.map(jnp.zeros_like, free), 1.0, strong(self._optimiser.init(free)))
 
     def propose(self, course: Course) -> dict[str, Array]:

@@ -1,16 +1,23 @@
 """The compiled parts of a training step. They are functions of the module with everything as an argument, so that each
 is compiled once for a kind of problem: a second fit with other values compiles nothing."""
 
+import threading
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Scalar
 
 from ._design import Design
+from ._forward import relax
 from ._problem import InverseProblem
+from ._tracing import known
 from ._waiting import announce
+
+
+_Struct = jax.ShapeDtypeStruct
 
 
 class Evaluation(eqx.Module):
@@ -43,12 +50,33 @@ def evaluate(design: Design, free: dict[str, Array], start: Any) -> Evaluation:
 def relaxation(problem: Any, start: Any) -> Any:
     """What the relaxation of a problem leaves, by the program that all share; `None` for a problem that has none of its
     own, or needs none."""
-    return problem.relaxed(start) if isinstance(problem, InverseProblem) and problem.needs_shape else None
+    return problem.relaxed(start) if relaxes_by_itself(problem) else None
+
+
+def relaxes_by_itself(problem: Any) -> bool:
+    """Whether the relaxation of a problem is a program of its own, and needed."""
+    return isinstance(problem, InverseProblem) and problem.needs_shape
 
 
 def objective(problem: Any, found: Any, start: Any) -> tuple[Any, tuple[dict[str, Any], Any]]:
     """What the method `objective` of a problem returns, at what `relaxation` found."""
     return problem.objective(start) if found is None else problem.respond(found)
+
+
+def compile_ahead(design: Design, free: dict[str, Array]) -> None:
+    """Compile the two programs of a gradient step at once: while one is compiled the other is traced. They are found
+    compiled when they are called; nothing happens where they are already."""
+    problem = design.problem(design.values(free))
+    if relaxes_by_itself(problem):
+        asked = problem.asked()
+        compiling = threading.Thread(target=relax.lower(*asked).compile, daemon=True)
+        compiling.start()
+        try:
+            blank = lambda leaf: known(np.zeros(leaf.shape, leaf.dtype)) if isinstance(leaf, _Struct) else leaf
+            found = jax.tree.map(blank, eqx.filter_eval_shape(relax, *asked))
+            _evaluate.lower(design, free, found, None).compile()
+        finally:
+            compiling.join()
 
 
 @eqx.filter_jit

@@ -147,7 +147,7 @@ def _diagnostics(mesh: Mesh, energy: DiscreteEnergy, end: End, vertices: Float[A
     return Diagnostics(
         energy=end.value,
         gradient_norm=jnp.linalg.norm(end.gradient),
-        steps=end.steps,
+        steps=end.steps.astype(jnp.int32),
         factorisations=end.factorisations,
         converged=converged,
         stable=end.stable,

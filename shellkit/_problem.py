@@ -251,18 +251,27 @@ class InverseProblem(eqx.Module):
 
         - `start`: as when the problem is called.
         """
-        self.origin.check(self.mesh, self.energy, self.supports)
-        # What is compiled does not depend on the loss, so problems that differ in it share one program.
-        bare = with_parts(self, loss=None)
-        begin = Start.of(self.mesh, self.assembly, start)
-        if is_traced((bare, begin)) or not isinstance(self.solver, SparseNewton) or begin.multipliers is not None:
-            return relax(*frozen((bare, self.solver, begin)))
-        # Few relaxations need all that the solver can do, which takes long to compile: they go on with it.
-        found = relax(bare, PlainNewton(self.solver), begin)
-        if not found.stuck:
+        bare, solver, begin = self.asked(start)
+        found = relax(*frozen((bare, solver, begin)))
+        if solver is self.solver or not found.stuck:
             return found
         after = Start(found.pose.vertices, found.pose.directors, None)
         return relax(bare, self.solver, after).after(found.found)
+
+    def asked(self, start: Equilibrium | Start | None = None) -> tuple["InverseProblem", optx.AbstractMinimiser, Start]:
+        """What the program of a relaxation is handed: the problem without its loss, which has no part in it; the
+        solver, or as much of it as will do at first; and where to begin.
+
+        **Arguments:**
+
+        - `start`: as when the problem is called.
+        """
+        self.origin.check(self.mesh, self.energy, self.supports)
+        bare, begin, solver = with_parts(self, loss=None), Start.of(self.mesh, self.assembly, start), self.solver
+        if isinstance(solver, SparseNewton) and begin.multipliers is None and not is_traced((bare, begin)):
+            # Few relaxations need all that it can do, which takes long to compile: they go on with it.
+            solver = PlainNewton(solver)
+        return bare, solver, begin
 
     def responding(self, found: Relaxed) -> Equilibrium:
         """The equilibrium that was found, as a function of every array of the problem: with its derivative there.

@@ -134,7 +134,11 @@ class Clamped(SingleSupport):
 
     @property
     def moves(self) -> bool:
-        still = self.rotation is None and not isinstance(self.displacement, Tracer) and not np.any(np.asarray(self.displacement))
+        still = (
+            self.rotation is None
+            and not isinstance(self.displacement, Tracer)
+            and not np.any(np.asarray(self.displacement))
+        )
         return not still
 
     def on(self, mesh: Mesh) -> "Clamped":
