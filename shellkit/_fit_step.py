@@ -13,6 +13,7 @@ from jaxtyping import Array, Scalar
 from ._design import Design
 from ._forward import relax
 from ._problem import InverseProblem
+from ._program import FASTEST, program
 from ._tracing import known
 from ._waiting import announce
 
@@ -86,7 +87,7 @@ def _assess(design: Design, free: dict[str, Array], found: Any, start: Any) -> E
     return Evaluation(free, values, loss, terms, None, None, equilibrium, _diagnostics(equilibrium))
 
 
-@eqx.filter_jit
+@program(FASTEST)
 def _evaluate(design: Design, free: dict[str, Array], found: Any, start: Any) -> Evaluation:
     announce("the gradient of this kind of loss")
 

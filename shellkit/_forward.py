@@ -18,6 +18,7 @@ from ._geometry.surface import edge_lengths
 from ._holding import Stationary, differentiable_held, padded
 from ._loss import Loss
 from ._mesh.mesh import Mesh
+from ._program import FAST, program
 from ._relaxation import End, minimised, minimised_held
 from ._relaxed import Relaxed, Start
 from ._rest import RestShape
@@ -33,7 +34,7 @@ from ._waiting import announce
 _FOLDED = 179.0  # degrees
 
 
-@eqx.filter_jit
+@program(FAST)
 def relax(problem: Any, solver: optx.AbstractMinimiser, start: Start) -> Relaxed:
     """The relaxation of a problem: the only program with a loop over steps, for all problems of a kind."""
     announce("the relaxation of this kind of scene")

@@ -26,6 +26,7 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 # A part may import itself and the parts of lower rows, never one of its own row or above.
 LAYERS = [
     {"_precision", "_papers", "_citation", "_tracing", "_waiting", "_same"},
+    {"_program"},
     {"_mesh", "_solve", "_align"},
     {"meshes", "_geometry"},
     {"_rest", "_supports", "_icp", "_transfer"},
