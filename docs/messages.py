@@ -14,6 +14,8 @@ PARTS = {
     "_transfer": "Surfaces",
     "_precision": "Problems",
     "_problem": "Problems",
+    "_checks": "Problems",
+    "_origin": "Problems",
     "_rest": "Problems",
     "_equilibrium": "Problems",
     "_actuation": "Actuation",
