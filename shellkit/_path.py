@@ -198,8 +198,9 @@ def _advance(problem: InverseProblem, path: Ramp, walk: _Walk) -> tuple[_Walk, S
 
 def _relax_at(problem: InverseProblem, progress: Scalar, unknowns: Float[Array, " N"]) -> Equilibrium:
     """Relax with a part of actuation and loads on: compiled once, however many steps a path takes."""
-    actuation, energy, supports, shape = _parts_at(problem, progress, unknowns)
-    return with_parts(problem, actuation=actuation, energy=energy, supports=supports)(Start(*shape, None))
+    actuation, energy, supports, (vertices, directors) = _parts_at(problem, progress, unknowns)
+    part = with_parts(problem, actuation=actuation, energy=energy, supports=supports)
+    return part(Start(vertices, directors, None))
 
 
 @eqx.filter_jit

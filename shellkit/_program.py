@@ -20,8 +20,9 @@ class Program:
     those of it. Like `equinox.filter_jit`, arrays are its arguments, and everything else is static."""
 
     def __init__(self, function: Callable, options: dict[str, Any]):
-        self._inside = eqx.filter_jit(function)
-        self._alone = eqx.filter_jit(function, compiler_options=options)
+        self._inside: Any = eqx.filter_jit(function)
+        jit: Any = eqx.filter_jit  # which passes on what it does not know
+        self._alone: Any = jit(function, compiler_options=options)
         self.__name__, self.__doc__ = function.__name__, function.__doc__
 
     def __call__(self, *arguments: Any) -> Any:

@@ -69,8 +69,9 @@ def minimised(
         value, gradient = point.value, point.gradient
         stable = solution.result == optx.RESULTS.successful
         factorisations = solution.stats["factorisations"]
-        last = solution.state.factor
-        last = LastFactor.of(last) if isinstance(last, Factor) else last
+        factor = solution.state.factor
+        last = LastFactor.of(factor) if isinstance(factor, Factor) else None
+        last = factor if isinstance(factor, LastFactor) else last
     else:
         last = None
         value, gradient = energy.value_and_gradient(solution.value)

@@ -74,13 +74,13 @@ class FaceEnergies(eqx.Module):
                 total = total + (density if weight is None else weight * density)
         return total
 
-    def _flat(self, *metric: Float[Array, " F"]) -> Float[Array, " F"]:
+    def _flat(self, g11: Array, g12: Array, g22: Array) -> Float[Array, " F"]:
         """The terms that depend on the metric alone, as a function of its components."""
-        return self._total(False, metric, None)
+        return self._total(False, (g11, g12, g22), None)
 
-    def _bent(self, *forms: Float[Array, " F"]) -> Float[Array, " F"]:
+    def _bent(self, g11: Array, g12: Array, g22: Array, b11: Array, b12: Array, b22: Array) -> Float[Array, " F"]:
         """The terms that bend, as a function of the components of metric and curvature."""
-        return self._total(True, forms[:3], forms[3:])
+        return self._total(True, (g11, g12, g22), (b11, b12, b22))
 
     @property
     def _stretches(self) -> bool:

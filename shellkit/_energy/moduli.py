@@ -8,12 +8,14 @@ from jaxtyping import Array, Float
 
 from .._geometry.forms import BEND, Components, determinant
 from .._mesh.mesh import Mesh
+from .._tracing import known
 
 
 def lame_halves(young: float | Array, poisson: float | Array) -> tuple[Array, Array]:
     """alpha = E nu / (2 (1 - nu^2)) and beta = E / (4 (1 + nu)): half the plane-stress Lamé pair."""
     if not isinstance(young, Tracer) and not isinstance(poisson, Tracer):
-        young, poisson = np.asarray(young, dtype=float), np.asarray(poisson, dtype=float)  # nothing is compiled
+        e, nu = np.asarray(young, dtype=float), np.asarray(poisson, dtype=float)
+        return known(e * nu / (2 * (1 - nu**2))), known(e / (4 * (1 + nu)))
     return jnp.asarray(young * poisson / (2 * (1 - poisson**2))), jnp.asarray(young / (4 * (1 + poisson)))
 
 

@@ -158,7 +158,7 @@ def at_corners(tails: Float[Array, "3 3 F"], heads: Float[Array, "3 3 F"]) -> li
 def length_curvature(stress: Float[Array, "3 F"]) -> Float[Array, "6 3 3 F"]:
     """Sum of `stress[i]` times the second derivative of squared length i, as blocks over `CORNER_PAIRS`."""
     shares = np.array([[2.0 * SIGN[i, p] * SIGN[i, q] for i in range(3)] for p, q in CORNER_PAIRS])[:, :, None]
-    factors = shares[:, 0] * stress[0] + shares[:, 1] * stress[1] + shares[:, 2] * stress[2]
+    factors = stress[0] * shares[:, 0] + stress[1] * shares[:, 1] + stress[2] * shares[:, 2]
     return factors[:, None, None] * jnp.eye(3)[:, :, None]
 
 

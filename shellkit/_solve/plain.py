@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import optimistix as optx
 from jaxtyping import Array, Bool, Int
 
-from .direct import AbstractSparseSolver, LastFactor
+from .direct import LastFactor
 from .motions import coordinates_to_hold, orthonormal, project_out
 from .newton import SHORT, SparseNewton, blank_like, descend, floored, scene_of, solve_held, usable
 from .points import Point
@@ -39,7 +39,7 @@ class PlainNewton(optx.AbstractMinimiser):
     """
 
     rtol: float
-    linear_solver: AbstractSparseSolver
+    linear_solver: Any  # an AbstractSparseSolver: there are no constraints here, whose matrices have another
     atol: float
     norm: Any
 
