@@ -12,7 +12,7 @@ import shellkit as sk
 from shellkit._forward import relax
 from shellkit._relaxed import Start
 from shellkit._solve.plain import PlainNewton
-from shellkit._tracing import known
+from shellkit._tracing import known, with_parts
 
 
 _compiled = []
@@ -118,6 +118,8 @@ def test_whoever_relaxes_uses_the_same_program(use, monkeypatch):
     # Layers that `at` scales are the same kind of layers, so that paths share the program as well.
     problem = design(thickness=0.09)
     problem()
+    # And the whole of the solver, in case that a start or a trial design needs it.
+    relax(with_parts(problem, loss=None), problem.solver, Start.of(problem.mesh, problem.assembly, None))
     monkeypatch.setattr(forward, "minimised", lambda *parts: traced.append(1) or minimised(*parts))
     jax.block_until_ready(use(problem))
     assert traced == []

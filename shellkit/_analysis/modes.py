@@ -25,6 +25,7 @@ from .._tracing import with_parts
 _SMALLEST_SHIFT, _LARGEST_SHIFT, _SHIFT_GROWTH = 1e-11, 1e2, 30.0
 _AT_REST = 1e-12  # forces that would move no vertex by more than this fraction of an edge
 _TOLERANCE = 1e-6
+_MORE = 8  # modes sought beyond those asked for: of several that are equal, rounding brings up the last ones late
 
 _Solver: TypeAlias = Any  # AbstractSparseSolver | BorderedSolver, each with its own factor
 _Factor: TypeAlias = Factor | BorderedFactor
@@ -118,7 +119,7 @@ def vibration_modes(problem: InverseProblem, count: int = 10, equilibrium: Equil
     operator = lambda matvec: LinearOperator((n, n), matvec=matvec, dtype=float)  # pyright: ignore[reportCallIssue]
     _, found = eigsh(
         operator(lambda shape: np.asarray(pencil.image(jnp.asarray(shape).reshape(n)))),
-        k=count,
+        k=min(count + _MORE, n - 1),
         M=diags_array(np.asarray(pencil.mass)),
         sigma=-float(shift),
         OPinv=operator(lambda load: np.asarray(_solve(solver, factor, pencil, jnp.asarray(load).reshape(1, n)))[0]),
