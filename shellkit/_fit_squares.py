@@ -16,7 +16,7 @@ from jaxtyping import Array, Float, Int
 from ._damping import Damped, Dogleg, Rule, Undamped
 from ._design import Design
 from ._fit_method import Course, Method
-from ._fit_step import Evaluation, assess, move, strong
+from ._fit_step import Evaluation, assess, move, relaxes_by_itself, strong
 from ._gauss_newton import Model, Plan, dense_model, krylov_model
 from ._history import Scalar
 
@@ -217,9 +217,13 @@ def combine(model: Model, coefficients: Float[Array, " k"], like: dict[str, Arra
 
 
 def _count_residuals(design: Design, free: dict[str, Array]) -> int:
-    found = eqx.filter_eval_shape(assess, design, free, None)
+    problem = design.problem(design.values(free))
+    if relaxes_by_itself(problem) and problem.assembly.n_constraints == 0:
+        equilibrium = eqx.filter_eval_shape(lambda p: p.unrelaxed(), problem)
+    else:
+        equilibrium = eqx.filter_eval_shape(assess, design, free, None).equilibrium
     residuals = lambda d, x, equilibrium: d.problem(d.values(x)).residuals(equilibrium)
-    return eqx.filter_eval_shape(residuals, design, free, found.equilibrium).size
+    return eqx.filter_eval_shape(residuals, design, free, equilibrium).size
 
 
 def _with(state: Standing, control: float, streak: int) -> Standing:
