@@ -19,7 +19,7 @@ from ._holding import Stationary, differentiable_held, padded
 from ._loss import Loss
 from ._mesh.mesh import Mesh
 from ._program import FAST, program
-from ._relaxation import End, minimised, minimised_held
+from ._relaxation import FOLDED, End, minimised, minimised_held
 from ._relaxed import Relaxed, Start
 from ._rest import RestShape
 from ._solve.adjoint import MANY, differentiable_minimum
@@ -29,9 +29,6 @@ from ._solve.response import responding_minimum
 from ._symmetries import FreeMotions
 from ._tracing import frozen
 from ._waiting import announce
-
-
-_FOLDED = 179.0  # degrees
 
 
 @program(FAST)
@@ -52,7 +49,7 @@ def relax(problem: Any, solver: optx.AbstractMinimiser, start: Start) -> Relaxed
         assert isinstance(solver, SparseNewton)  # as was checked when the problem was built
         end, held = minimised_held(energy, y0, start.multipliers, motions, length, solver, problem.step_limit())
         y, multipliers = held.y, held.multipliers
-    pose = problem.posed(energy, y, motions, multipliers)
+    pose = pose_of(problem, energy, y, motions, multipliers)
     stuck = end.result == optx.RESULTS.nonlinear_divergence
     return Relaxed(rest, pose, _diagnostics(problem.mesh, energy, end, pose.vertices), y, stuck, last)
 
@@ -71,7 +68,7 @@ def respond(problem: Any, found: Relaxed, posed: bool) -> tuple[RestShape, Pose]
         y, multipliers = differentiable_held(energy, found.y, multipliers, motions, linear_solver)
     if not posed:
         return rest, Pose(*energy.state(y), multipliers=multipliers)
-    return rest, problem.posed(energy, y, motions, multipliers)
+    return rest, pose_of(problem, energy, y, motions, multipliers)
 
 
 @eqx.filter_jit
@@ -87,7 +84,7 @@ def near(problem: Any, equilibrium: Equilibrium) -> tuple[RestShape, Pose]:
         z, m = jnp.concatenate([y, multipliers]), len(multipliers)
         z = responding_minimum(Stationary(energy), z, padded(motions, m), BorderedSolver(solver))
         y, multipliers = z[:-m], z[-m:]
-    return rest, problem.posed(energy, y, motions, multipliers)
+    return rest, pose_of(problem, energy, y, motions, multipliers)
 
 
 @eqx.filter_jit
@@ -141,10 +138,9 @@ def _diagnostics(mesh: Mesh, energy: DiscreteEnergy, end: End, vertices: Float[A
         angles = jnp.abs(Hinges(vertices, mesh, Triangles(vertices, mesh)).angles)
         flat = jnp.argmax(angles)
         worst_hinge = mesh.face_edges.T.reshape(-1)[flat]
-        folded = ~converged & (jnp.max(angles) > jnp.deg2rad(_FOLDED))
-        # Only an averaged normal vanishes on a fold, and only a form that stays finite there can end on it.
-        averaged = energy.faces.form != "tan" and energy.faces.director_length is None
-        result = RESULTS.where(folded, RESULTS.hinge_folded if averaged else RESULTS.hinge_pressed, result)
+        folded = ~converged & (jnp.max(angles) > jnp.deg2rad(FOLDED))
+        name = RESULTS.hinge_folded if energy.faces.folds else RESULTS.hinge_pressed
+        result = RESULTS.where(folded, name, result)
     return Diagnostics(
         energy=end.value,
         gradient_norm=jnp.linalg.norm(end.gradient),

@@ -19,7 +19,7 @@ from ._solve.plain import PlainState
 from ._symmetries import FreeMotions
 
 
-_FLAT = 179.0  # degrees
+FOLDED = 179.0  # degrees: a hinge beyond is folded flat
 _TURN, _SHRINK = 0.34, 0.2  # no face may turn further than cos = 0.34 (70 degrees) or shrink below a fifth in one step
 
 
@@ -128,22 +128,20 @@ class Folded(eqx.Module):
         assert self.energy.faces is not None
         faces, vertices = self.energy.faces, self.energy.state(y)[0]
         angles = Hinges(vertices, faces.mesh, Triangles(vertices, faces.mesh), faces.continuation).angles
-        return jnp.max(jnp.abs(angles)) > jnp.deg2rad(_FLAT)
+        return jnp.max(jnp.abs(angles)) > jnp.deg2rad(FOLDED)
 
 
 def minimiser_options(energy: DiscreteEnergy, motions: FreeMotions | None, length: Scalar) -> dict[str, Any]:
     """What a minimiser is told of an energy beside its value."""
     # A shell that only stretches has no narrow valleys.
-    form = None if energy.faces is None else energy.faces.form
-    bends = form is not None and energy.quantities is None
-    averaged = form in ("sin", "theta") and energy.assembly.director_length is None
+    bends = energy.faces is not None and energy.faces.form is not None and energy.quantities is None
     return {
         "value_and_gradient": energy.value_and_gradient,
         "derivatives": energy.derivatives,
         "feasible": Feasible(energy),
         "motions": motions,
         "length": length,
-        "hopeless": Folded(energy) if averaged else None,
+        "hopeless": Folded(energy) if energy.faces is not None and energy.faces.folds else None,
         "structure": energy.blank_hessian,
         "apart": (energy.faces_at, energy.derivatives_apart) if bends else None,
     }

@@ -52,3 +52,17 @@ def test_optimisers_made_twice_are_one():
         (optax.adam(jnp.asarray(0.1)), optax.adam(jnp.asarray(0.2))),
     ):
         assert first_like(one) is not first_like(other)
+
+
+def test_functions_of_a_user_are_never_taken_for_each_other():
+    """They may read globals, which have changed since."""
+
+    def module(rate):
+        names = {"RATE": rate}
+        exec("def schedule(step):\n    return RATE / (1 + step)", names)
+        return names["schedule"]
+
+    one, other = (first_like(optax.sgd(module(rate))) for rate in (0.1, 0.2))
+    parameters = jnp.ones(2)
+    update = lambda o: o.update(parameters, o.init(parameters), parameters)[0]
+    assert jnp.allclose(update(one), -0.1) and jnp.allclose(update(other), -0.2)

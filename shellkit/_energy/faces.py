@@ -55,6 +55,12 @@ class FaceEnergies(eqx.Module):
     form: CurvatureForm | None = eqx.field(static=True)
     director_length: Scalar | None
 
+    @property
+    def folds(self) -> bool:
+        """Whether a relaxation can end on a hinge that is folded flat: only an averaged normal vanishes there, and only
+        a form that stays finite gets there."""
+        return self.form not in (None, "tan") and self.director_length is None
+
     def _intrinsic(self, vertices, directors) -> tuple[Triangles, Hinges | None, Float[Array, "k F"]]:
         triangles = Triangles(vertices, self.mesh)
         if self.form is None:
