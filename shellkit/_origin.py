@@ -8,13 +8,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, UInt32
 
 from ._energy import AbstractEnergy, Constraint, EnergyTerm
 from ._mesh.mesh import Mesh
 from ._supports import Supports
-from ._tracing import known
+from ._symmetries import count_motions
+from ._tracing import is_traced, known
 
 
 _REMEMBERED = 32
@@ -24,25 +24,32 @@ _passed: OrderedDict[Any, Any] = OrderedDict()
 
 
 class Origin(eqx.Module):
-    """The kinds of terms and supports, and the contents of what names vertices: connectivity, stencils, selections."""
+    """The kinds of terms and supports, the contents of what names vertices (connectivity, stencils, selections), and
+    how many rigid motions the supports leave free at most."""
 
     contents: UInt32[Array, "4"]
     kind: tuple = eqx.field(static=True)
+    most_motions: int = eqx.field(static=True)
 
     @classmethod
     def of(cls, mesh: Mesh, energy: AbstractEnergy, supports: Supports | None) -> "Origin":
         """What these parts are; connectivity and selections must be known."""
-        return cls(known(_contents(mesh, energy, supports)), _kind(mesh, energy, supports))
+        motions = count_motions(mesh, supports, energy.bends)
+        return cls(known(_contents(mesh, energy, supports)), _kind(mesh, energy, supports), motions)
 
     def check(self, mesh: Mesh, energy: AbstractEnergy, supports: Supports | None) -> None:
-        """Refuse parts that differ from these in more than their numbers.
+        """Refuse parts that differ from these in more than their numbers, and supports whose numbers now contradict
+        each other or set the shell free.
 
-        Where they are traced, kinds and sizes are compared, and what names vertices is not looked at.
+        Where they are traced, kinds and sizes are compared; neither what names vertices is looked at, nor where
+        supports hold them.
         """
         leaves, structure = jax.tree.flatten((mesh, energy, supports))
         naming = [leaf for leaf in leaves if _names_vertices(leaf)]
-        traced = any(isinstance(leaf, Tracer) for leaf in (*naming, self.contents))
-        key = (structure, self.kind, id(self.contents), *map(id, naming))
+        placing = [] if supports is None else jax.tree.leaves((mesh.vertices, supports))
+        placing = [] if is_traced(placing) else placing
+        traced = is_traced((naming, self.contents))
+        key = (structure, self.kind, id(self.contents), *map(id, naming), *map(id, placing))
         if not traced and key in _passed:
             return
         kind = _kind(mesh, energy, supports)
@@ -60,9 +67,20 @@ class Origin(eqx.Module):
                 "built for (connectivity, stencils or selections were changed). Build it anew: problem.replace(mesh="
                 "..., energy=..., supports=...)."
             )
-        _passed[key] = (naming, self.contents)
+        if supports is not None and placing:
+            self._check_supports(mesh, energy, supports)
+        _passed[key] = (naming, placing, self.contents)
         while len(_passed) > _REMEMBERED:
             _passed.popitem(last=False)
+
+    def _check_supports(self, mesh: Mesh, energy: AbstractEnergy, supports: Supports) -> None:
+        supports.check(mesh)
+        motions = count_motions(mesh, supports, energy.bends)
+        if motions > self.most_motions:
+            raise ValueError(
+                f"The supports of this InverseProblem now leave {motions} rigid motions free, and at most "
+                f"{self.most_motions} where it was built. Build it anew: problem.replace(supports=...)."
+            )
 
 
 def _kind(mesh: Mesh, energy: AbstractEnergy, supports: Supports | None) -> tuple:

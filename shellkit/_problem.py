@@ -27,7 +27,7 @@ from ._solve.newton import SparseNewton
 from ._solve.operator import SparseSymmetric
 from ._solve.plain import PlainNewton
 from ._supports import Supports
-from ._symmetries import FreeMotions, count_motions, free_motions
+from ._symmetries import FreeMotions, free_motions
 from ._tracing import frozen, is_traced, with_parts
 
 
@@ -69,7 +69,6 @@ class InverseProblem(eqx.Module):
     rest_lengths: str = eqx.field(static=True)
     assembly: Assembly
     origin: Origin  # what the numbering was made from
-    most_motions: int = eqx.field(static=True)
 
     def __init__(
         self,
@@ -118,7 +117,6 @@ class InverseProblem(eqx.Module):
         self._check_parts()
         self.assembly = Assembly.of(self.energy, mesh, self.supports)
         self.origin = Origin.of(mesh, self.energy, self.supports)
-        self.most_motions = count_motions(mesh, self.supports, self.bends)
 
     def _check_parts(self) -> None:
         """What can be wrong with parts that may be swapped by `tree_at`: asked when a problem is built, and again
@@ -178,12 +176,6 @@ class InverseProblem(eqx.Module):
         held = self.assembly.join(held, None)
         return DiscreteEnergy(self.energy, self.mesh, rest, self.assembly, held, beyond)
 
-    @property
-    def bends(self) -> bool:
-        """Whether a term of the energy depends on curvature."""
-        terms = (term for _, term in self.energy.weighted_terms())
-        return any(isinstance(term, FormEnergy) and term.form is not None for term in terms)
-
     def rigid_motions(self, energy: DiscreteEnergy | None = None) -> FreeMotions | None:
         """The rigid motions that cost nothing, with supports and loads as they are now; `None` if there is none.
 
@@ -191,10 +183,11 @@ class InverseProblem(eqx.Module):
 
         - `energy`: as `discrete_energy` returns it, if it is at hand.
         """
-        if self.most_motions == 0:
+        most = self.origin.most_motions
+        if most == 0:
             return None
         energy = self.discrete_energy() if energy is None else energy
-        return free_motions(energy, self.mesh, self.supports, self.most_motions)
+        return free_motions(energy, self.mesh, self.supports, most)
 
     def total_energy(self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None = None) -> Scalar:
         """The energy of any shape, in units of pressure times volume; held vertices are where they are held.

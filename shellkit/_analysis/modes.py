@@ -137,7 +137,7 @@ def vibration_modes(problem: InverseProblem, count: int = 10, equilibrium: Equil
 def _check_count(problem: InverseProblem, count: int) -> None:
     free, massive = problem.assembly.free, 3 * problem.mesh.n_vertices
     available = massive if free is None else int(np.count_nonzero(np.asarray(free) < massive))
-    available -= problem.most_motions
+    available -= problem.origin.most_motions
     available -= sum(isinstance(term, Constraint) for _, term in problem.energy.weighted_terms())
     if not 1 <= count <= available // 2:
         raise ValueError(

@@ -50,4 +50,5 @@ def responding_minimum(
         return solve_held(linear_solver, factor, basis, rhs)
 
     correction = jax.lax.custom_linear_solve(hessian.mv, energy.gradient(y), solve, symmetric=True)
-    return jnp.where(factor.ok, y - correction, jnp.nan)
+    # Not by a choice between both, whose derivative would be zero.
+    return y - jnp.where(factor.ok, 1.0, jnp.nan) * correction
