@@ -90,7 +90,8 @@ class InverseProblem(eqx.Module):
         - `actuation`: what the shell would like to become; by default it stays as it is.
         - `loss`: what is wanted of the equilibrium; only `evaluate` needs it.
         - `solver`: any minimiser of optimistix; by default [`shellkit.SparseNewton`][].
-        - `max_steps`: of the minimiser; by default its own limit, or 10,000 for one that has none.
+        - `max_steps`: of the minimiser; by default its own limit, or 10,000 for one that has none. Where `SparseNewton`
+            begins with plain steps and these get stuck, it has as many again.
         - `supports`: what is held, such as [`shellkit.Clamped`][]; by default nothing. Which vertices they hold, and in
             which directions, is settled here; where they hold them can be changed and trained.
         - `rest_lengths`: `"own"`, each face has its rest metric as the actuation gives it, or `"shared"`, both faces of
