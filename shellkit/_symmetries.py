@@ -129,10 +129,12 @@ def count_motions(mesh: Mesh, supports: Supports | None, bends: bool) -> int:
         return 6
     if is_traced((mesh, supports)):
         return 6
-    edges = np.concatenate([np.asarray(part.held_edges(mesh)) for part in supports.parts()])
+    with jax.ensure_compile_time_eval():  # all is known, also where a transformation is at work
+        edges = np.concatenate([np.asarray(part.held_edges(mesh)) for part in supports.parts()])
+        stations = supports.stations(mesh)
     ends = np.asarray(mesh.edges)[edges] if bends else np.zeros((0, 2), int)
     # What is held in a line or a plane at rest may leave it on the way.
-    return max(_count(mesh, projectors, positions, ends) for projectors, positions in supports.stations(mesh))
+    return max(_count(mesh, projectors, positions, ends) for projectors, positions in stations)
 
 
 def _count(

@@ -7,12 +7,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int
 
 from .._geometry.forms import director_signs
 from .._geometry.patches import Continuation
 from .._mesh.mesh import Mesh
+from .._tracing import is_traced
 
 
 _DEPENDENT = 1e-6  # part of a unit direction that must be new, for it to hold anything more
@@ -53,8 +53,10 @@ class Supports(eqx.Module):
         """
         for part in self.parts():
             part.on(mesh).check_shapes(mesh)
-        if len(self.parts()) > 1 and not any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((self, mesh))):
-            for part, gap in zip(self.parts(), _gaps(self.on(mesh), mesh), strict=True):
+        if len(self.parts()) > 1 and not is_traced((self, mesh)):
+            with jax.ensure_compile_time_eval():  # these numbers are known, also where a transformation is at work
+                gaps = _gaps(self.on(mesh), mesh)
+            for part, gap in zip(self.parts(), gaps, strict=True):
                 _refuse_conflict(part.on(mesh), mesh, np.asarray(gap))
 
     def held_positions(self, mesh: Mesh) -> Float[Array, "V 3"]:
