@@ -11,11 +11,9 @@ PACKAGE = Path(__file__).parents[1] / "shellkit"
 PARTS = {
     "_mesh": "Meshes",
     "_geometry": "Surfaces",
-    "_transfer": "Surfaces",
-    "_precision": "Problems",
     "_problem": "Problems",
-    "_checks": "Problems",
-    "_origin": "Problems",
+    "_relaxation": "Problems",
+    "_programs": "Problems",
     "_rest": "Problems",
     "_equilibrium": "Problems",
     "_actuation": "Actuation",
@@ -24,15 +22,11 @@ PARTS = {
     "_solve": "Solvers",
     "_loss": "Losses and alignment",
     "_align": "Losses and alignment",
-    "_icp": "Losses and alignment",
     "_starts": "Training",
     "_path": "Paths and analysis",
-    "_continuation": "Paths and analysis",
-    "_distinct": "Paths and analysis",
     "_analysis": "Paths and analysis",
     "_plot": "Pictures and fabrication",
     "_fabrication": "Pictures and fabrication",
-    "_director_layers": "Pictures and fabrication",
 }
 OTHERS = "Training"
 

@@ -16,6 +16,7 @@ from ._actuation import (
 )
 from ._align import (
     Aligner as Aligner,
+    ICP as ICP,
     Kabsch as Kabsch,
     Landmarks as Landmarks,
     Motion as Motion,
@@ -34,15 +35,6 @@ from ._analysis import (
     taylor_test as taylor_test,
     vibration_modes as vibration_modes,
 )
-from ._continuation import (
-    ArcLength as ArcLength,
-    Branch as Branch,
-    CriticalPoint as CriticalPoint,
-    switch_branch as switch_branch,
-    trace as trace,
-)
-from ._checkpoint import load_checkpoint as load_checkpoint
-from ._distinct import DistinctEquilibria as DistinctEquilibria, distinct_equilibria as distinct_equilibria
 from ._energy import (
     AreaConstraint as AreaConstraint,
     Bending as Bending,
@@ -71,7 +63,6 @@ from ._energy import (
     TensionField as TensionField,
     VolumeConstraint as VolumeConstraint,
 )
-from ._design import Bounds as Bounds
 from ._equilibrium import Equilibrium as Equilibrium, RESULTS as RESULTS
 from ._fabrication import (
     export_directors as export_directors,
@@ -79,8 +70,16 @@ from ._fabrication import (
     streamlines as streamlines,
     thicken as thicken,
 )
-from ._fit import fit as fit
-from ._fit_many import ManyFits as ManyFits, fit_many as fit_many
+from ._fit import (
+    Bounds as Bounds,
+    FitResult as FitResult,
+    FitStep as FitStep,
+    History as History,
+    ManyFits as ManyFits,
+    fit as fit,
+    fit_many as fit_many,
+    load_checkpoint as load_checkpoint,
+)
 from ._geometry.curvature import (
     angle_defects as angle_defects,
     dihedral_angles as dihedral_angles,
@@ -100,8 +99,7 @@ from ._geometry.surface import (
     vertex_areas as vertex_areas,
 )
 from ._geometry.intersections import self_intersections as self_intersections
-from ._history import FitResult as FitResult, FitStep as FitStep, History as History
-from ._icp import ICP as ICP
+from ._geometry.transfer import transfer_directors as transfer_directors, transfer_face_values as transfer_face_values
 from ._loss import (
     Area as Area,
     Chamfer as Chamfer,
@@ -122,8 +120,19 @@ from ._loss import (
     WeightedLoss as WeightedLoss,
 )
 from ._mesh.mesh import Mesh as Mesh
-from ._path import Path as Path, Ramp as Ramp, follow as follow, relax as relax
-from ._waiting import keep_compiled as keep_compiled
+from ._path import (
+    ArcLength as ArcLength,
+    Branch as Branch,
+    CriticalPoint as CriticalPoint,
+    DistinctEquilibria as DistinctEquilibria,
+    Path as Path,
+    Ramp as Ramp,
+    distinct_equilibria as distinct_equilibria,
+    follow as follow,
+    relax as relax,
+    switch_branch as switch_branch,
+    trace as trace,
+)
 from ._plot import (
     Film as Film,
     Snapshots as Snapshots,
@@ -132,6 +141,7 @@ from ._plot import (
     plot_history as plot_history,
 )
 from ._problem import InverseProblem as InverseProblem
+from ._programs.waiting import keep_compiled as keep_compiled
 from ._rest import RestShape as RestShape
 from ._starts import (
     Feasibility as Feasibility,
@@ -139,13 +149,13 @@ from ._starts import (
     feasibility as feasibility,
     nematic_start as nematic_start,
 )
-from ._solve.choose import direct_solver as direct_solver
-from ._solve.cholmod import Cholmod as Cholmod
-from ._solve.iterative import ConjugateGradients as ConjugateGradients
-from ._solve.newton import SparseNewton as SparseNewton
-from ._solve.operator import SparseSymmetric as SparseSymmetric
-from ._solve.pardiso import Pardiso as Pardiso
-from ._solve.superlu import SuperLU as SuperLU
+from ._solve.linear.choose import direct_solver as direct_solver
+from ._solve.linear.cholmod import Cholmod as Cholmod
+from ._solve.linear.iterative import ConjugateGradients as ConjugateGradients
+from ._solve.newton.newton import SparseNewton as SparseNewton
+from ._solve.matrices.operator import SparseSymmetric as SparseSymmetric
+from ._solve.linear.pardiso import Pardiso as Pardiso
+from ._solve.linear.superlu import SuperLU as SuperLU
 from ._supports import (
     Clamped as Clamped,
     Pinned as Pinned,
@@ -153,4 +163,3 @@ from ._supports import (
     Supports as Supports,
     Symmetry as Symmetry,
 )
-from ._transfer import transfer_directors as transfer_directors, transfer_face_values as transfer_face_values

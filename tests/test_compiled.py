@@ -9,10 +9,10 @@ import optimistix as optx
 import pytest
 
 import shellkit as sk
-from shellkit._forward import relax
-from shellkit._relaxed import Start
-from shellkit._solve.plain import PlainNewton
-from shellkit._tracing import known, with_parts
+from shellkit._programs.tracing import known, with_parts
+from shellkit._relaxation.forward import relax
+from shellkit._relaxation.relaxed import Start
+from shellkit._solve.newton.plain import PlainNewton
 
 
 _compiled = []

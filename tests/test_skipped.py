@@ -12,8 +12,8 @@ import pytest
 
 import shellkit as sk
 from shellkit._energy import Assembly
-from shellkit._relaxation import minimiser_options
-from shellkit._solve import superlu
+from shellkit._relaxation.minimise import minimiser_options
+from shellkit._solve.linear import superlu
 
 
 BALL = sk.meshes.icosphere(subdivisions=1)

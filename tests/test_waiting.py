@@ -9,8 +9,8 @@ import optax
 import pytest
 
 import shellkit as sk
-from shellkit._same import first_like
-from shellkit._waiting import announce
+from shellkit._programs.same import first_like
+from shellkit._programs.waiting import announce
 
 
 def test_compiled_programs_are_kept_where_it_is_said(tmp_path, monkeypatch):

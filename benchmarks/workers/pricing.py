@@ -9,9 +9,9 @@ import numpy as np
 import optax
 
 import shellkit as sk
-from shellkit._holding import Stationary, padded
-from shellkit._solve.bordered import BorderedSolver
-from shellkit._solve.motions import held_still
+from shellkit._relaxation.augmented_lagrangian import Stationary, padded
+from shellkit._solve.linear.bordered import BorderedSolver
+from shellkit._solve.null_space import held_still
 
 from ..measure import profile
 from ..scene import ellipsoid

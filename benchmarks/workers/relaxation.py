@@ -12,7 +12,7 @@ import optimistix as optx
 
 import shellkit as sk
 from shellkit._geometry.surface import edge_lengths
-from shellkit._relaxation import minimiser_options
+from shellkit._relaxation.minimise import minimiser_options
 
 from ..measure import Stage
 from .problems import design_problem, teacher

@@ -5,8 +5,8 @@ from typing import ClassVar
 import equinox as eqx
 from jaxtyping import Array, Float
 
+from .._citation.papers import VAN_REES_2017
 from .._mesh.mesh import Mesh
-from .._papers import VAN_REES_2017
 from .._rest import RestShape
 from .base import Actuation, SheetActuation
 

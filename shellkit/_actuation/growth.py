@@ -8,8 +8,8 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
+from .._citation.papers import EFRATI_2009
 from .._mesh.mesh import Mesh
-from .._papers import EFRATI_2009
 from .._rest import RestShape
 from .base import Actuation, SheetActuation, check_per_face
 from .frames import stretched_metric

@@ -8,8 +8,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .._citation.papers import TIMOSHENKO_1925, VAN_REES_2017
 from .._mesh.mesh import Mesh
-from .._papers import TIMOSHENKO_1925, VAN_REES_2017
 from .._rest import RestShape
 from .base import Actuation, Passive, SheetActuation, check_per_face
 

@@ -6,8 +6,8 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from .._citation.papers import AHARONI_2014
 from .._mesh.mesh import Mesh
-from .._papers import AHARONI_2014
 from .base import SheetActuation, check_per_face
 from .frames import stretched_metric
 

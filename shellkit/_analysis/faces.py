@@ -7,7 +7,7 @@ from jaxtyping import Array, Float
 from .._energy import FormEnergy
 from .._equilibrium import Equilibrium
 from .._geometry.forms import Components, components, determinant, first_form, second_form
-from .._problem import InverseProblem
+from .._problem.problem import InverseProblem
 
 
 def energy_density(problem: InverseProblem, equilibrium: Equilibrium) -> Float[Array, " F"]:

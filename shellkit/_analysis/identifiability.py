@@ -10,10 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
-from .._design import Design, split
 from .._equilibrium import Equilibrium
-from .._problem import InverseProblem
-from .._solve.motions import orthonormal
+from .._fit.design import Design, split
+from .._problem.problem import InverseProblem
+from .._solve.null_space import orthonormal
 
 
 _BLOCK = 32  # directions a call

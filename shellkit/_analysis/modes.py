@@ -11,12 +11,12 @@ from jaxtyping import Array, Bool, Float, Scalar
 from .._energy import Assembly, Constraint
 from .._equilibrium import Equilibrium
 from .._geometry.surface import edge_lengths, vertex_areas
-from .._holding import Stationary
-from .._problem import InverseProblem
-from .._solve.bordered import Bordered, BorderedFactor, BorderedSolver
-from .._solve.direct import Factor
-from .._solve.operator import SparseSymmetric
-from .._tracing import with_parts
+from .._problem.problem import InverseProblem
+from .._programs.tracing import with_parts
+from .._relaxation.augmented_lagrangian import Stationary
+from .._solve.linear.base import Factor
+from .._solve.linear.bordered import Bordered, BorderedFactor, BorderedSolver
+from .._solve.matrices.operator import SparseSymmetric
 
 
 # Shifts are in units of the largest ratio of stiffness to mass at one unknown. The smallest leaves the matrix of a free

@@ -10,10 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, PyTree, Scalar
 
-from .._design import Design, split
 from .._equilibrium import Equilibrium
-from .._fit_step import objective, relaxation
-from .._problem import InverseProblem
+from .._fit.design import Design, split
+from .._fit.step import objective, relaxation
+from .._problem.problem import InverseProblem
 
 
 _WIDEST = 1e-2  # of the typical size of an array: the largest step of the finite differences

@@ -9,13 +9,13 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, Scalar
 
+from .._citation.papers import NOCEDAL_2006
 from .._geometry.rowwise import length
 from .._mesh.mesh import Mesh
-from .._papers import NOCEDAL_2006
+from .._programs.tracing import known
 from .._supports.selection import Numbers
-from .._tracing import known
 from .base import AbstractEnergy, EnergyTerm
-from .followers import Pressure
+from .loads.followers import Pressure
 
 
 class Constraint(AbstractEnergy):

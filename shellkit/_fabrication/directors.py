@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from .._director_layers import Directors
+from .._actuation.director_layers import Directors
+from .._fit.history import FitResult
 from .._geometry.directors import directors as vectors
-from .._history import FitResult
 from .._mesh.mesh import Mesh
-from .._problem import InverseProblem
+from .._problem.problem import InverseProblem
 from .sheet import Sheet, checked_path, millimetres, require_flat, sheet_of
 
 

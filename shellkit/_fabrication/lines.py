@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-from .._director_layers import Directors
-from .._history import FitResult
+from .._actuation.director_layers import Directors
+from .._fit.history import FitResult
 from .._mesh.mesh import Mesh
-from .._problem import InverseProblem
+from .._problem.problem import InverseProblem
 from .drawings import Drawing, write_dxf, write_svg
 from .placement import streamlines
 from .sheet import Sheet, checked_path, millimetres, require_flat, sheet_of

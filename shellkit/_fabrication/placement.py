@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import ArrayLike
 
-from .._director_layers import director_layers
+from .._actuation.director_layers import director_layers
 from .._mesh.mesh import Mesh
 from .walker import Place, Walker
 

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._director_layers import Directors, director_layers, layer_names
-from .._history import FitResult
+from .._actuation.director_layers import Directors, director_layers, layer_names
+from .._fit.history import FitResult
 from .._mesh.mesh import Mesh
-from .._problem import InverseProblem
+from .._problem.problem import InverseProblem
 
 
 _MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 1e-3, "in": 25.4}

@@ -5,7 +5,7 @@ from jaxtyping import ArrayLike
 
 from .._equilibrium import Equilibrium
 from .._mesh.mesh import Mesh
-from .._problem import InverseProblem
+from .._problem.problem import InverseProblem
 
 
 # Directions in which the normals around a vertex differ by less than this (squared, against the whole) count as flat.

@@ -1,17 +1,9 @@
 """Losses: what is wanted of an equilibrium."""
 
-from .base import (
-    LeastSquaresLoss as LeastSquaresLoss,
-)
-from .base import (
-    Loss as Loss,
-)
-from .base import (
-    SumOfLosses as SumOfLosses,
-)
-from .base import (
-    WeightedLoss as WeightedLoss,
-)
+from .base import LeastSquaresLoss as LeastSquaresLoss
+from .base import Loss as Loss
+from .base import SumOfLosses as SumOfLosses
+from .base import WeightedLoss as WeightedLoss
 from .chamfer import Chamfer as Chamfer
 from .curvature import GaussCurvature as GaussCurvature
 from .curvature import MeanCurvature as MeanCurvature

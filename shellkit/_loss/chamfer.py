@@ -9,12 +9,12 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Float
 
 from .._actuation.base import Actuation
-from .._align import Aligner
+from .._align.aligners import Aligner
+from .._align.icp import ICP
+from .._citation.papers import BARROW_1977
 from .._equilibrium import Equilibrium
 from .._geometry.closest import nearest_points
-from .._icp import ICP
 from .._mesh.mesh import Mesh
-from .._papers import BARROW_1977
 from .base import LeastSquaresLoss
 from .vertex import checked_positions
 

@@ -9,11 +9,11 @@ from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float
 
 from .._actuation.base import Actuation
+from .._citation.papers import COHEN_STEINER_2003, MEYER_2003
 from .._equilibrium import Equilibrium
 from .._geometry.curvature import gauss_curvature, mean_curvature, voronoi_areas
 from .._geometry.rowwise import root
 from .._mesh.mesh import Mesh
-from .._papers import COHEN_STEINER_2003, MEYER_2003
 from .base import LeastSquaresLoss
 
 

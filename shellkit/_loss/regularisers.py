@@ -7,13 +7,13 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from .._actuation.base import Actuation
+from .._citation.papers import CLAUSSEN, GRINSPUN_2003
 from .._equilibrium import Equilibrium
 from .._geometry.curvature import dihedral_angles
 from .._geometry.directors import directors
 from .._geometry.rowwise import over, root
 from .._geometry.surface import edge_lengths, face_areas
 from .._mesh.mesh import Mesh
-from .._papers import CLAUSSEN, GRINSPUN_2003
 from .base import LeastSquaresLoss
 
 

@@ -6,10 +6,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._actuation.base import Actuation
+from .._citation.papers import CLAUSSEN
 from .._equilibrium import Equilibrium
 from .._geometry.rowwise import length
 from .._geometry.surface import vertex_areas
-from .._papers import CLAUSSEN
 from .base import LeastSquaresLoss
 
 

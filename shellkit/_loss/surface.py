@@ -9,14 +9,14 @@ from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float
 
 from .._actuation.base import Actuation
-from .._align import Aligner
+from .._align.aligners import Aligner
+from .._align.icp import ICP
+from .._citation.papers import BESL_1992
 from .._equilibrium import Equilibrium
 from .._geometry.closest import closest_points, interpolate
 from .._geometry.rowwise import unit
 from .._geometry.surface import vertex_areas, vertex_normals
-from .._icp import ICP
 from .._mesh.mesh import Mesh
-from .._papers import BESL_1992
 from .base import LeastSquaresLoss
 
 

@@ -10,13 +10,13 @@ from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float, Scalar
 
 from .._actuation.base import Actuation
-from .._align import Aligner
+from .._align.aligners import Aligner
+from .._align.icp import ICP
+from .._citation.papers import CHARON_2013, KALTENMARK_2017
 from .._equilibrium import Equilibrium
 from .._geometry.rowwise import length, over
 from .._geometry.surface import edge_vectors
-from .._icp import ICP
 from .._mesh.mesh import Mesh
-from .._papers import CHARON_2013, KALTENMARK_2017
 from .base import Loss
 from .surface import checked_target
 

@@ -9,7 +9,7 @@ from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float, Int
 
 from .._actuation.base import Actuation
-from .._align import Aligner, Kabsch, checked_weights
+from .._align.aligners import Aligner, Kabsch, checked_weights
 from .._equilibrium import Equilibrium
 from .._mesh.mesh import Mesh
 from .base import LeastSquaresLoss

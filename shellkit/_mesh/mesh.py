@@ -12,8 +12,8 @@ from jax.core import Tracer
 from jax.typing import ArrayLike
 from jaxtyping import Array, Bool, Float, Int
 
-from .._precision import require_x64
-from .._tracing import known
+from .._programs.precision import require_x64
+from .._programs.tracing import known
 from . import files
 from .connectivity import connect, listed
 from .quality import MeshQuality, measure

@@ -10,8 +10,8 @@ import numpy as np
 from .delaunay import delaunay, in_order
 from .grid import staggered_torus
 from .mesh import Mesh
-from .relax import MOVES, ROUNDS, pushed_apart
 from .sizes import one_of, positive
+from .smooth import MOVES, ROUNDS, pushed_apart
 
 
 _GOLDEN = (np.sqrt(5) - 1) / 2

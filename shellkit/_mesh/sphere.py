@@ -5,8 +5,8 @@ import numpy as np
 
 from .delaunay import in_order
 from .mesh import Mesh
-from .relax import MOVES, ROUNDS, pushed_apart
 from .sizes import positive
+from .smooth import MOVES, ROUNDS, pushed_apart
 
 
 def icosphere(subdivisions: int, radius: float = 1.0) -> Mesh:

@@ -11,7 +11,7 @@ from .._equilibrium import Equilibrium
 from .._geometry.curvature import gauss_curvature, mean_curvature
 from .._geometry.forms import first_form
 from .._mesh.mesh import Mesh
-from .._problem import InverseProblem
+from .._problem.problem import InverseProblem
 from .._rest import RestShape
 from .shapes import Shape
 

@@ -10,11 +10,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from jaxtyping import ArrayLike
 
-from .._align import Aligner
-from .._director_layers import Directors
-from .._history import FitResult, FitStep
-from .._path import Path
-from .._problem import InverseProblem
+from .._actuation.director_layers import Directors
+from .._align.aligners import Aligner
+from .._fit.history import FitResult, FitStep
+from .._path.ramp import Path
+from .._problem.problem import InverseProblem
 from .fields import Field
 from .opengl import require_opengl
 from .pictures import fields_of

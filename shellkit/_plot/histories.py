@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._history import FitResult
+from .._fit.history import FitResult
 from . import palette
 
 

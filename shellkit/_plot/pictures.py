@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from jaxtyping import ArrayLike
 
-from .._align import Aligner
-from .._director_layers import Directors
-from .._history import FitResult
-from .._problem import InverseProblem
+from .._actuation.director_layers import Directors
+from .._align.aligners import Aligner
+from .._fit.history import FitResult
+from .._problem.problem import InverseProblem
 from .fields import Field, field_from, field_names, field_of
 from .opengl import has_display, require_opengl
 from .scene import Look, stage

@@ -8,14 +8,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import ArrayLike
 
-from .._align import Aligner, Kabsch, NoAlignment
-from .._director_layers import Directors, director_layers
+from .._actuation.director_layers import Directors, director_layers
+from .._align.aligners import Aligner, Kabsch, NoAlignment
 from .._equilibrium import Equilibrium
-from .._history import FitResult
+from .._fit.history import FitResult
 from .._loss import Loss, SumOfLosses, VertexDistance, WeightedLoss
 from .._mesh.mesh import Mesh
-from .._path import Path
-from .._problem import InverseProblem
+from .._path.ramp import Path
+from .._problem.problem import InverseProblem
 
 
 Drawable = Mesh | Equilibrium | InverseProblem | FitResult | Path

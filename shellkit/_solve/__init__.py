@@ -1,0 +1,1 @@
+"""Sparse second-order minimisation: matrices, linear solvers, Newton steps, derivatives. It knows nothing of shells."""

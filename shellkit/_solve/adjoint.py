@@ -8,12 +8,12 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
-from .._tracing import frozen
-from .bordered import Bordered, BorderedSolver
-from .direct import AbstractDirectSolver, AbstractSparseSolver, LastFactor
-from .motions import held_still, project_out
-from .newton import solve_held
-from .pattern import SymmetricPattern
+from .._programs.tracing import frozen
+from .linear.base import AbstractDirectSolver, AbstractSparseSolver, LastFactor
+from .linear.bordered import Bordered, BorderedSolver
+from .matrices.pattern import SymmetricPattern
+from .newton.newton import solve_held
+from .null_space import held_still, project_out
 
 
 _RESIDUAL = 1e-13  # at which the solution of the adjoint system is taken as exact

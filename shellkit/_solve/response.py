@@ -8,11 +8,11 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._tracing import frozen
-from .bordered import BorderedSolver
-from .direct import AbstractSparseSolver
-from .motions import held_still
-from .newton import solve_held
+from .._programs.tracing import frozen
+from .linear.base import AbstractSparseSolver
+from .linear.bordered import BorderedSolver
+from .newton.newton import solve_held
+from .null_space import held_still
 
 
 def responding_minimum(

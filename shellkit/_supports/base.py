@@ -12,7 +12,7 @@ from jaxtyping import Array, Bool, Float, Int
 from .._geometry.forms import director_signs
 from .._geometry.patches import Continuation
 from .._mesh.mesh import Mesh
-from .._tracing import is_traced
+from .._programs.tracing import is_traced
 
 
 _DEPENDENT = 1e-6  # part of a unit direction that must be new, for it to hold anything more

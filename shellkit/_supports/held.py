@@ -11,7 +11,7 @@ from jaxtyping import Array, Float, Int
 from .._geometry.rowwise import unit
 from .._geometry.surface import face_normals
 from .._mesh.mesh import Mesh
-from .._tracing import known
+from .._programs.tracing import known
 from .base import SingleSupport
 from .selection import Numbers, Selection, as_selection, selected, selected_edges
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int
 
 from .._mesh.mesh import Mesh
-from .._tracing import known
+from .._programs.tracing import known
 from .base import SingleSupport
 from .selection import Numbers, Selection, as_selection, selected
 

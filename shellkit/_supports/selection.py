@@ -9,7 +9,7 @@ from jax.typing import ArrayLike
 from jaxtyping import Array, Int
 
 from .._mesh.mesh import Mesh
-from .._tracing import known
+from .._programs.tracing import known
 
 
 Numbers: TypeAlias = ArrayLike | Sequence

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import shellkit as sk
-from shellkit._symmetries import rigid_fields
+from shellkit._relaxation.rigid_modes import rigid_fields
 
 
 # Compiling the derivative of a relaxation takes its time; the algebra has its own quick tests in test_directions.py.

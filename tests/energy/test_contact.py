@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import shellkit as sk
-from shellkit._energy.contact import Cushion
+from shellkit._energy.loads.contact import Cushion
 
 
 MESH = sk.meshes.icosphere(subdivisions=1)

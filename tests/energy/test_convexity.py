@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import shellkit as sk
-from shellkit._energy.convexity import convexifying_diagonal, negative_part
+from shellkit._energy.discrete.convexity import convexifying_diagonal, negative_part
 
 
 @pytest.mark.parametrize("k", [3, 6])

@@ -10,7 +10,7 @@ import optax
 
 jax.config.update("jax_enable_x64", True)
 
-from shellkit._fit import fit  # noqa: E402
+from shellkit._fit.fit import fit  # noqa: E402
 
 
 class Bowl(eqx.Module):

@@ -5,8 +5,8 @@ import numpy as np
 import optax
 import pytest
 
-from shellkit._design import Bounds
-from shellkit._fit import fit
+from shellkit._fit.design import Bounds
+from shellkit._fit.fit import fit
 
 
 @pytest.mark.parametrize("target", [0.6, 7.0])

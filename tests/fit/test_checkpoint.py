@@ -16,8 +16,8 @@ import optax
 import pytest
 
 import shellkit
-from shellkit._checkpoint import load_checkpoint
-from shellkit._fit import fit
+from shellkit._fit.checkpoint import load_checkpoint
+from shellkit._fit.fit import fit
 
 
 def same(one, other):

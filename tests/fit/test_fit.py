@@ -9,7 +9,7 @@ import numpy as np
 import optax
 import pytest
 
-from shellkit._fit import fit
+from shellkit._fit.fit import fit
 
 
 def test_gradient_descent_follows_its_recursion(make_quadratic, angle):

@@ -15,8 +15,8 @@ import optimistix as optx
 import pytest
 
 import shellkit as sk
-from shellkit._fit import fit
-from shellkit._fit_many import fit_many
+from shellkit._fit.fit import fit
+from shellkit._fit.many import fit_many
 
 
 # Where other processes find it, too.

@@ -11,7 +11,7 @@ import numpy as np
 import optax
 import pytest
 
-from shellkit._fit import fit
+from shellkit._fit.fit import fit
 
 
 def test_quiet_where_there_is_no_terminal(make_quadratic, angle, capfd):

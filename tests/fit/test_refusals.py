@@ -7,7 +7,7 @@ import numpy as np
 import optax
 import pytest
 
-from shellkit._fit import fit
+from shellkit._fit.fit import fit
 
 
 def test_a_failed_relaxation_is_retried_with_half_the_update(make_quadratic, angle):

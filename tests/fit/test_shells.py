@@ -10,7 +10,7 @@ import optax
 import pytest
 
 import shellkit as sk
-from shellkit._design import Bounds
+from shellkit._fit.design import Bounds
 
 
 @pytest.fixture(scope="module")

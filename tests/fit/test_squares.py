@@ -13,11 +13,11 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 import shellkit as sk
-from shellkit._damping import Damped, Dogleg, Undamped
-from shellkit._design import split
-from shellkit._fit import fit
-from shellkit._fit_squares import jacobian
-from shellkit._gauss_newton import Model, Plan, dense_model, krylov_model
+from shellkit._fit.design import split
+from shellkit._fit.fit import fit
+from shellkit._fit.methods.damping import Damped, Dogleg, Undamped
+from shellkit._fit.methods.gauss_newton import Model, Plan, dense_model, krylov_model
+from shellkit._fit.methods.least_squares import jacobian
 
 
 LEVENBERG = optx.LevenbergMarquardt(rtol=1e-9, atol=1e-9)

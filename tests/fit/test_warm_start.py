@@ -7,9 +7,9 @@ import numpy as np
 import optax
 import pytest
 
-from shellkit._design import split
-from shellkit._fit import fit
-from shellkit._fit_step import evaluate, predict
+from shellkit._fit.design import split
+from shellkit._fit.fit import fit
+from shellkit._fit.step import evaluate, predict
 
 
 @pytest.mark.parametrize("warm_start", ["last", "predicted"])

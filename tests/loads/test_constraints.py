@@ -11,10 +11,10 @@ import shellkit as sk
 from shellkit import AreaConstraint, Inflation, VolumeConstraint
 from shellkit._energy import Assembly, DiscreteEnergy
 from shellkit._rest import RestShape
-from shellkit._solve.bordered import Bordered, BorderedSolver
-from shellkit._solve.operator import SparseSymmetric
-from shellkit._solve.pattern import SymmetricPattern
-from shellkit._solve.superlu import SuperLU
+from shellkit._solve.linear.bordered import Bordered, BorderedSolver
+from shellkit._solve.linear.superlu import SuperLU
+from shellkit._solve.matrices.operator import SparseSymmetric
+from shellkit._solve.matrices.pattern import SymmetricPattern
 
 
 BALL = sk.meshes.icosphere(subdivisions=0)

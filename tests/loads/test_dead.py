@@ -7,7 +7,7 @@ import pytest
 
 import shellkit as sk
 from shellkit._energy import Assembly, DiscreteEnergy
-from shellkit._energy.loads import EdgeLoad, Gravity, PointLoad, SurfaceLoad
+from shellkit._energy.loads.dead import EdgeLoad, Gravity, PointLoad, SurfaceLoad
 from shellkit._rest import RestShape
 
 

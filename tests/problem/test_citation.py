@@ -8,9 +8,9 @@ import optimistix as optx
 import pytest
 
 import shellkit as sk
-from shellkit import _papers
+from shellkit._citation import papers as _papers
 from shellkit._energy import AbstractEnergy
-from shellkit._solve.direct import AbstractSparseSolver
+from shellkit._solve.linear.base import AbstractSparseSolver
 
 
 PAPERS = {name: value for name, value in vars(_papers).items() if name.isupper()}

@@ -10,9 +10,9 @@ from jaxtyping import Array, Float
 
 import shellkit as sk
 from shellkit._solve.adjoint import differentiable_minimum
-from shellkit._solve.choose import default_direct_solver
-from shellkit._solve.direct import LastFactor
-from shellkit._solve.pattern import SymmetricPattern
+from shellkit._solve.linear.base import LastFactor
+from shellkit._solve.linear.choose import default_direct_solver
+from shellkit._solve.matrices.pattern import SymmetricPattern
 
 
 N = 3200

@@ -8,12 +8,12 @@ import lineax as lx
 import numpy as np
 import pytest
 
-from shellkit._solve.cholmod import Cholmod
-from shellkit._solve.choose import default_direct_solver, direct_solver
-from shellkit._solve.operator import SparseSymmetric
-from shellkit._solve.pardiso import Pardiso
-from shellkit._solve.pattern import SymmetricPattern
-from shellkit._solve.superlu import SuperLU
+from shellkit._solve.linear.cholmod import Cholmod
+from shellkit._solve.linear.choose import default_direct_solver, direct_solver
+from shellkit._solve.linear.pardiso import Pardiso
+from shellkit._solve.linear.superlu import SuperLU
+from shellkit._solve.matrices.operator import SparseSymmetric
+from shellkit._solve.matrices.pattern import SymmetricPattern
 
 
 def needs(solver, module):
@@ -310,7 +310,7 @@ def test_sparsax_factorises_each_matrix_once():
 
 
 def test_superlu_orders_a_pattern_once_and_keeps_few_factors(monkeypatch):
-    from shellkit._solve import superlu
+    from shellkit._solve.linear import superlu
 
     orderings, decompositions = [], []
     order, decompose = superlu._order, superlu._decompose

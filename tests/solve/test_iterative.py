@@ -6,10 +6,10 @@ import lineax as lx
 import numpy as np
 import pytest
 
-from shellkit._solve.iterative import ConjugateGradients
-from shellkit._solve.operator import SparseSymmetric
-from shellkit._solve.pattern import SymmetricPattern
-from shellkit._solve.superlu import SuperLU
+from shellkit._solve.linear.iterative import ConjugateGradients
+from shellkit._solve.linear.superlu import SuperLU
+from shellkit._solve.matrices.operator import SparseSymmetric
+from shellkit._solve.matrices.pattern import SymmetricPattern
 
 
 def springs(n=30, seed=0):

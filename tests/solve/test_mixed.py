@@ -8,7 +8,7 @@ import optimistix as optx
 import pytest
 
 import shellkit as sk
-from shellkit._solve.pattern import SymmetricPattern
+from shellkit._solve.matrices.pattern import SymmetricPattern
 
 
 PATTERN, POSITIONS = SymmetricPattern.of(np.array([0, 0, 1]), np.array([0, 1, 1]), 2)

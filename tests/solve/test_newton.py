@@ -7,8 +7,8 @@ import optimistix as optx
 import pytest
 
 import shellkit as sk
-from shellkit._solve.motions import coordinates_to_hold, orthonormal
-from shellkit._solve.pattern import SymmetricPattern
+from shellkit._solve.matrices.pattern import SymmetricPattern
+from shellkit._solve.null_space import coordinates_to_hold, orthonormal
 
 
 def dense_hessian(function, n):

@@ -6,8 +6,8 @@ import lineax as lx
 import numpy as np
 import pytest
 
-from shellkit._solve.operator import SparseSymmetric
-from shellkit._solve.pattern import SymmetricPattern
+from shellkit._solve.matrices.operator import SparseSymmetric
+from shellkit._solve.matrices.pattern import SymmetricPattern
 
 
 def entries(n, count, seed):

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import shellkit as sk
-from shellkit._solve.saddle import away_from_saddle
+from shellkit._solve.newton.saddle import away_from_saddle
 
 
 class Springs(sk.EnergyTerm):

@@ -1,0 +1,1 @@
+"""Loads, and what a shell rests on or runs into."""

@@ -1,0 +1,1 @@
+"""Densities per face: what stretching and bending cost in a material."""

@@ -1,0 +1,1 @@
+"""How a fit gets from one design to the next: by gradients, or by least squares."""

@@ -1,0 +1,3 @@
+"""The inverse problem: its parts, whether they fit each other, and what it computes of them."""
+
+from .problem import InverseProblem as InverseProblem

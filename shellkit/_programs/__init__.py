@@ -1,0 +1,1 @@
+"""How shellkit uses JAX: programs compiled once and kept, and what is known while a transformation is at work."""

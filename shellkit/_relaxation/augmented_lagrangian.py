@@ -1,0 +1,194 @@
+"""Relaxation with quantities of the whole shell held at their values: multipliers are sought about the minimiser.
+
+For given multipliers and a penalty the shape is a minimum like any other. How its gaps depend on the multipliers
+follows from the factor at hand, so that these converge as Newton's method does, to gaps of rounding."""
+
+from collections.abc import Callable
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optimistix as optx
+from jaxtyping import Array, Bool, Float, Int, Scalar
+
+from .._energy import DiscreteEnergy
+from .._solve.adjoint import differentiable_minimum
+from .._solve.linear.base import AbstractSparseSolver
+from .._solve.linear.bordered import Bordered, BorderedSolver
+from .._solve.newton.newton import NewtonState, SparseNewton, solve_held
+from .._solve.null_space import orthonormal
+
+
+_MAX_ROUNDS = 16
+_ROUNDING = 2e-15  # of a gap, relative to the sum of its gradient's entries times positions
+_CLOSE = 1e-10  # a gap that no round makes smaller is taken for rounding below this
+_CONTRACTION = 0.25  # a round that does not cut the gaps to this raises the penalties
+_RAISE = 10.0
+
+
+class Held(eqx.Module):
+    """Where a relaxation with multipliers has come to."""
+
+    y: Float[Array, " n"]
+    multipliers: Float[Array, " m"]
+    """With those of springs, minus stiffness times gap."""
+    lent: Float[Array, " m"]
+    penalties: Float[Array, " m"]
+    gap: Scalar
+    """The largest gap of what is held exactly, in units of its rounding."""
+    value: Scalar
+    gradient: Float[Array, " n"]
+    steps: Int[Array, ""]
+    factorisations: Int[Array, ""]
+    result: optx.RESULTS
+    rounds: Int[Array, ""]
+    settled: Bool[Array, ""]
+
+
+def relax_held(
+    solver: SparseNewton,
+    options: Callable[[DiscreteEnergy], dict[str, Any]],
+    energy: DiscreteEnergy,
+    y: Float[Array, " n"],
+    multipliers: Float[Array, " m"] | None,
+    max_steps: int,
+) -> Held:
+    """The minimum of an energy with its quantities at their values.
+
+    **Arguments:**
+
+    - `solver`: with a linear solver of bordered matrices.
+    - `options`: from an energy to what the solver is told of it.
+    - `energy`: with the quantities; nothing of it is differentiated.
+    - `y`, `multipliers`: where to start.
+    - `max_steps`: of the solver, for each round.
+    """
+    motions = options(energy)["motions"]
+    quantities = energy.quantities
+    assert quantities is not None
+    exact = jnp.asarray(quantities.exact)
+    zero = jnp.zeros(len(exact))
+    first = zero if multipliers is None else jnp.where(exact, multipliers, 0.0)
+    penalties = jnp.where(exact, _penalties(energy, y), quantities.penalties)
+    none, success = jnp.zeros((), jnp.int32), optx.RESULTS.successful
+    start = Held(y, zero, first, penalties, jnp.asarray(jnp.inf), jnp.zeros(()), y, none, none, success, none, none > 0)
+
+    def once(now: Held) -> Held:
+        lent = energy.held_by(now.lent, now.penalties)
+        state, steps = _minimise(solver, options(lent), now.y, max_steps)
+        result = optx.RESULTS.where(
+            state.done,
+            success,
+            optx.RESULTS.where(
+                state.stuck, optx.RESULTS.nonlinear_divergence, optx.RESULTS.nonlinear_max_steps_reached
+            ),
+        )
+        point = state.point
+        gaps, rows = energy.gaps(point.y), energy.rows(point.y)
+        gap = jnp.max(jnp.where(exact, jnp.abs(gaps) / (_ROUNDING * (jnp.abs(rows) @ jnp.abs(point.y))), 0.0))
+        worse = ~(gap < _CONTRACTION * now.gap)
+        settled = (result == success) & ((gap <= 1) | (worse & (gap * _ROUNDING < _CLOSE)))
+
+        # The gaps as a function of the multipliers have the slope G A⁻¹ Gᵀ at the minimum.
+        basis = None if motions is None else orthonormal(motions(point.y))
+        moves = jnp.stack([solve_held(solver.linear_solver, state.factor, basis, row) for row in rows])
+        slope = jnp.where(exact[:, None] & exact[None, :], rows @ moves.T, jnp.diag(1.0 + zero))
+        change = -jnp.linalg.solve(slope, jnp.where(exact, gaps, 0.0))
+        simple = jnp.where(exact, -now.penalties * gaps, 0.0)
+        usable = (result == success) & jnp.all(jnp.isfinite(change))
+        change = jnp.where(usable, change, simple)
+        return Held(
+            y=jnp.where(usable & ~settled, point.y + change @ moves, point.y),
+            multipliers=now.lent - now.penalties * gaps,
+            lent=now.lent + change,
+            penalties=jnp.where(exact & worse, _RAISE * now.penalties, now.penalties),
+            gap=gap,
+            value=point.value,
+            gradient=point.gradient,
+            steps=now.steps + steps,
+            factorisations=now.factorisations + state.factorisations,
+            result=result,
+            rounds=now.rounds + 1,
+            settled=settled,
+        )
+
+    return jax.lax.while_loop(lambda now: ~now.settled & (now.rounds < _MAX_ROUNDS), once, start)
+
+
+def _minimise(
+    solver: SparseNewton, options: dict[str, Any], y: Float[Array, " n"], max_steps: int
+) -> tuple[NewtonState, Int[Array, ""]]:
+    """Newton's method, without the derivatives that optimistix would arrange for."""
+    unused: Any = None  # the energy as a function: the options have all of it
+    start = solver.init(unused, y, None, options, None, None, frozenset())
+
+    def step(carry):
+        y, state, count = carry
+        y, state, _ = solver.step(unused, y, None, options, state, frozenset())
+        return y, state, count + 1
+
+    goes_on = lambda carry: ~(carry[1].done | carry[1].stuck) & (carry[2] < max_steps)
+    _, state, count = jax.lax.while_loop(goes_on, step, (y, start, jnp.zeros((), jnp.int32)))
+    return state, count
+
+
+def _penalties(energy: DiscreteEnergy, y: Float[Array, " n"]) -> Float[Array, " m"]:
+    """Stiffnesses beside which no uniform motion of the shell is stiff: the mean diagonal of its Hessian, estimated by
+    one product, over the square of each gradient."""
+    signs = jax.random.rademacher(jax.random.key(0), y.shape, y.dtype)
+    image = jax.jvp(energy.gradient, (y,), (signs,))[1]
+    rows = energy.rows(y)
+    square = jnp.sum(rows**2, axis=1)
+    return jnp.abs(signs @ image) / len(y) / jnp.where(square > 0, square, 1.0)
+
+
+class Stationary(eqx.Module):
+    """The energy with its multipliers as unknowns behind the others: at a minimum its gradient vanishes in all."""
+
+    energy: DiscreteEnergy
+
+    def _at(self, z: Float[Array, " k"]) -> tuple[DiscreteEnergy, Float[Array, " n"], Float[Array, " m"]]:
+        quantities = self.energy.quantities
+        assert quantities is not None
+        n = len(z) - len(quantities.targets)
+        return self.energy.held_by(z[n:]), z[:n], quantities.compliances
+
+    def gradient(self, z: Float[Array, " k"]) -> Float[Array, " k"]:
+        energy, y, compliances = self._at(z)
+        return jnp.concatenate([energy.gradient(y), -energy.gaps(y) - compliances * z[len(y) :]])
+
+    def hessian(self, z: Float[Array, " k"]) -> Bordered:
+        energy, y, compliances = self._at(z)
+        hessian = energy.hessian(y)
+        assert isinstance(hessian, Bordered)
+        return Bordered(hessian.sparse, hessian.rows, compliances, eliminated=False)
+
+
+class _Padded(eqx.Module):
+    """Motions of the unknowns as motions of unknowns and multipliers, of which the latter have no part."""
+
+    motions: Callable[[Array], Array]
+    m: int = eqx.field(static=True)
+
+    def __call__(self, z: Float[Array, " k"]) -> Float[Array, "k d"]:
+        return jnp.pad(self.motions(z[: len(z) - self.m]), ((0, self.m), (0, 0)))
+
+
+def padded(motions: Callable[[Array], Array] | None, m: int) -> _Padded | None:
+    """Motions of unknowns with `m` multipliers behind them; `None` for none."""
+    return None if motions is None else _Padded(motions, m)
+
+
+def differentiable_held(
+    energy: DiscreteEnergy,
+    y: Float[Array, " n"],
+    multipliers: Float[Array, " m"],
+    motions: Callable[[Array], Array] | None,
+    linear_solver: AbstractSparseSolver,
+) -> tuple[Float[Array, " n"], Float[Array, " m"]]:
+    """Unknowns and multipliers of a relaxation, with their derivatives in all arrays of the energy."""
+    z = jnp.concatenate([y, multipliers])
+    m = len(multipliers)
+    z = differentiable_minimum(Stationary(energy), z, padded(motions, m), BorderedSolver(linear_solver))
+    return z[: len(y)], z[len(y) :]

@@ -1,0 +1,147 @@
+"""The minimum of an energy, by Newton's method or another minimiser; with quantities of the whole shell held or not."""
+
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import optimistix as optx
+from jaxtyping import Array, Bool, Float, Int, Scalar
+
+from .._energy import DiscreteEnergy
+from .._geometry.patches import Hinges, Triangles
+from .._solve.linear.base import AbstractSparseSolver, Factor, LastFactor
+from .._solve.linear.bordered import BorderedSolver
+from .._solve.matrices.operator import SparseSymmetric
+from .._solve.newton.newton import NewtonState, SparseNewton
+from .._solve.newton.plain import PlainState
+from .._solve.null_space import held_still
+from .augmented_lagrangian import Held, relax_held
+from .rigid_modes import FreeMotions
+
+
+FOLDED = 179.0  # degrees: a hinge beyond is folded flat
+_TURN, _SHRINK = 0.34, 0.2  # no face may turn further than cos = 0.34 (70 degrees) or shrink below a fifth in one step
+
+
+class End(eqx.Module):
+    """Where a minimiser has come to, and how."""
+
+    y: Float[Array, " n"]
+    value: Scalar
+    gradient: Float[Array, " n"]
+    steps: Int[Array, ""]
+    factorisations: Int[Array, ""]
+    stable: Bool[Array, ""]
+    result: optx.RESULTS
+    last: LastFactor | None = None
+
+
+def minimised(
+    energy: DiscreteEnergy,
+    y: Float[Array, " n"],
+    motions: FreeMotions | None,
+    length: Scalar,
+    solver: optx.AbstractMinimiser,
+    linear_solver: AbstractSparseSolver,
+    max_steps: int,
+) -> End:
+    """The minimum of an energy.
+
+    **Arguments:**
+
+    - `energy`: of which nothing is differentiated.
+    - `y`: where to start.
+    - `motions`: that cost nothing.
+    - `length`: a typical one, such as that of an edge.
+    - `solver`, `max_steps`: the minimiser and its limit.
+    - `linear_solver`: that looks at the Hessian where the minimiser does not.
+    """
+    solution = optx.minimise(
+        lambda y, _: energy(y),
+        solver,
+        y,
+        options=minimiser_options(energy, motions, length),
+        max_steps=max_steps,
+        throw=False,
+    )
+    if isinstance(solution.state, NewtonState | PlainState):
+        point = solution.state.best
+        value, gradient = point.value, point.gradient
+        stable = solution.result == optx.RESULTS.successful
+        factorisations = solution.stats["factorisations"]
+        factor = solution.state.factor
+        last = LastFactor.of(factor) if isinstance(factor, Factor) else None
+        last = factor if isinstance(factor, LastFactor) else last
+    else:
+        last = None
+        value, gradient = energy.value_and_gradient(solution.value)
+        hessian = energy.hessian(solution.value)
+        assert isinstance(hessian, SparseSymmetric)  # constraints are for SparseNewton, as was checked
+        hessian, _, _ = held_still(hessian, motions, solution.value)
+        factor = linear_solver.factorise(hessian)
+        stable = factor.ok & (factor.negative <= 0)
+        factorisations = jnp.ones((), jnp.int32)
+    steps = solution.stats["num_steps"]
+    return End(solution.value, value, gradient, steps, factorisations, stable, solution.result, last)
+
+
+def minimised_held(
+    energy: DiscreteEnergy,
+    y: Float[Array, " n"],
+    multipliers: Float[Array, " m"] | None,
+    motions: FreeMotions | None,
+    length: Scalar,
+    solver: SparseNewton,
+    max_steps: int,
+) -> tuple[End, Held]:
+    """The minimum of an energy with its quantities at their values; also how it was found. See [`minimised`][]."""
+    bordered = eqx.tree_at(lambda s: s.linear_solver, solver, BorderedSolver(solver.linear_solver))
+    held = relax_held(bordered, lambda e: minimiser_options(e, motions, length), energy, y, multipliers, max_steps)
+    result = optx.RESULTS.where(
+        held.settled | (held.result != optx.RESULTS.successful), held.result, optx.RESULTS.nonlinear_divergence
+    )
+    return End(held.y, held.value, held.gradient, held.steps, held.factorisations, held.settled, result), held
+
+
+class Feasible(eqx.Module):
+    """Whether a step turns no face too far and crushes none: a line search that jumps over such states can fold the
+    shell."""
+
+    energy: DiscreteEnergy
+
+    def __call__(self, y: Float[Array, " n"], y_new: Float[Array, " n"]) -> Array:
+        if self.energy.faces is None:
+            return jnp.array(True)
+        mesh = self.energy.faces.mesh
+        old, new = (Triangles(self.energy.state(at)[0], mesh) for at in (y, y_new))
+        turn = jnp.sum(old.area_normal * new.area_normal, axis=0)
+        return jnp.all((turn > _TURN * old.twice_area * new.twice_area) & (new.twice_area > _SHRINK * old.twice_area))
+
+
+class Folded(eqx.Module):
+    """Whether a hinge is folded flat. There an averaged edge normal vanishes, and with it the force that would unfold
+    it: no step leads away."""
+
+    energy: DiscreteEnergy
+
+    def __call__(self, y: Float[Array, " n"]) -> Bool[Array, ""]:
+        assert self.energy.faces is not None
+        faces, vertices = self.energy.faces, self.energy.state(y)[0]
+        angles = Hinges(vertices, faces.mesh, Triangles(vertices, faces.mesh), faces.continuation).angles
+        return jnp.max(jnp.abs(angles)) > jnp.deg2rad(FOLDED)
+
+
+def minimiser_options(energy: DiscreteEnergy, motions: FreeMotions | None, length: Scalar) -> dict[str, Any]:
+    """What a minimiser is told of an energy beside its value."""
+    # A shell that only stretches has no narrow valleys.
+    bends = energy.faces is not None and energy.faces.form is not None and energy.quantities is None
+    return {
+        "value_and_gradient": energy.value_and_gradient,
+        "derivatives": energy.derivatives,
+        "feasible": Feasible(energy),
+        "motions": motions,
+        "length": length,
+        "hopeless": Folded(energy) if energy.faces is not None and energy.faces.folds else None,
+        "structure": energy.blank_hessian,
+        "apart": (energy.faces_at, energy.derivatives_apart) if bends else None,
+    }

@@ -1,0 +1,1 @@
+"""Solvers of sparse symmetric systems, and the choice between them."""

@@ -1,0 +1,1 @@
+"""Sparse symmetric matrices with a pattern that is known before anything is compiled."""

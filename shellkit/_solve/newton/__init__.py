@@ -1,0 +1,1 @@
+"""Newton steps, with what they need far from the minimum."""
