@@ -8,6 +8,7 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int, Scalar
 
+from ._energy import Unknowns
 from ._mesh.mesh import Mesh
 from ._rest import RestShape
 
@@ -33,8 +34,7 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]  # an E
 class Pose(eqx.Module):
     """The parts of an equilibrium that have a derivative; see [`shellkit.Equilibrium`][]."""
 
-    vertices: Float[Array, "V 3"]
-    directors: Float[Array, " E"] | None = None
+    unknowns: Unknowns
     reactions: Float[Array, "V 3"] | None = None
     moments: Float[Array, "E 3"] | None = None
     multipliers: Float[Array, " m"] | None = None
@@ -104,8 +104,15 @@ class Equilibrium(eqx.Module):
     @classmethod
     def of(cls, mesh: Mesh, rest: RestShape, pose: Pose, found: Diagnostics) -> "Equilibrium":
         """An equilibrium from its parts: the surface at rest, the rest shape, what has a derivative, and the rest."""
-        parts = {field.name: getattr(part, field.name) for part in (pose, found) for field in dataclasses.fields(part)}
-        return cls(mesh=mesh, rest=rest, **parts)
+        parts = (pose.unknowns, pose, found)
+        values = {field.name: getattr(part, field.name) for part in parts for field in dataclasses.fields(part)}
+        del values["unknowns"]
+        return cls(mesh=mesh, rest=rest, **values)
+
+    @property
+    def unknowns(self) -> Unknowns:
+        """Positions and directors together."""
+        return Unknowns(self.vertices, self.directors)
 
     @property
     def diagnostics(self) -> Diagnostics:

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._energy import FormEnergy
+from .._energy import Terms
 from .._equilibrium import Equilibrium
 from .._geometry.forms import Components, components, determinant, first_form, second_form
 from .._problem.problem import InverseProblem
@@ -24,8 +24,8 @@ def energy_density(problem: InverseProblem, equilibrium: Equilibrium) -> Float[A
     **Returns:** an array of shape `(F,)`, in units of pressure times length. Times the rest areas
     $\tfrac12\sqrt{\det g_r}$ it sums to the energy of those terms.
     """
-    metric, curvatures = _forms(problem, equilibrium)
-    return _energies(problem, equilibrium, metric, curvatures) / _areas(components(equilibrium.rest.metric))
+    metric, curvature = _forms(problem, equilibrium)
+    return _energies(problem, equilibrium, metric, curvature) / _areas(components(equilibrium.rest.metric))
 
 
 def membrane_stress(problem: InverseProblem, equilibrium: Equilibrium) -> Float[Array, "F 2 2"]:
@@ -50,9 +50,9 @@ def membrane_stress(problem: InverseProblem, equilibrium: Equilibrium) -> Float[
         The formula of T. C. Doyle and J. L. Ericksen, "Nonlinear elasticity", Advances in Applied Mechanics 4 (1956),
         53–115, for a sheet.
     """
-    metric, curvatures = _forms(problem, equilibrium)
+    metric, curvature = _forms(problem, equilibrium)
     # The off-diagonal component stands twice in the metric.
-    energies = lambda *g: _energies(problem, equilibrium, g, curvatures)
+    energies = lambda *g: _energies(problem, equilibrium, g, curvature)
     value, pull_back = jax.vjp(energies, *metric)
     e11, e12, e22 = pull_back(jnp.ones_like(value))
     e12 = 0.5 * e12
@@ -66,25 +66,22 @@ def membrane_stress(problem: InverseProblem, equilibrium: Equilibrium) -> Float[
     return scale[:, None, None] * rows
 
 
-def _forms(problem: InverseProblem, equilibrium: Equilibrium) -> tuple[Components, dict[str, Components]]:
-    """The metric of the relaxed shape, and its curvature in each form that is measured."""
+def _forms(problem: InverseProblem, equilibrium: Equilibrium) -> tuple[Components, Components | None]:
+    """The metric of the relaxed shape, and its curvature as the energy measures it; `None` where nothing bends."""
     vertices, mesh, directors = equilibrium.vertices, equilibrium.mesh, equilibrium.directors
-    curvatures: dict[str, Components] = {}
-    for _, term in problem.energy.weighted_terms():
-        if isinstance(term, FormEnergy) and term.form is not None:
-            curvatures[term.form] = components(second_form(vertices, mesh, term.form, directors))
-    return components(first_form(vertices, mesh)), curvatures
+    form = Terms.of(problem.energy).form
+    curvature = None if form is None else components(second_form(vertices, mesh, form, directors))
+    return components(first_form(vertices, mesh)), curvature
 
 
 def _energies(
-    problem: InverseProblem, equilibrium: Equilibrium, metric: Components, curvatures: dict[str, Components]
+    problem: InverseProblem, equilibrium: Equilibrium, metric: Components, curvature: Components | None
 ) -> Float[Array, " F"]:
     total = jnp.zeros(equilibrium.mesh.n_faces)
-    for weight, term in problem.energy.weighted_terms():
-        if isinstance(term, FormEnergy):
-            data = term.element_data(equilibrium.mesh, equilibrium.rest)
-            energy = term.density(metric, None if term.form is None else curvatures[term.form], data)
-            total = total + (energy if weight is None else weight * energy)
+    for weight, term in Terms.of(problem.energy).faces:
+        data = term.element_data(equilibrium.mesh, equilibrium.rest)
+        energy = term.density(metric, None if term.form is None else curvature, data)
+        total = total + (energy if weight is None else weight * energy)
     return total
 
 

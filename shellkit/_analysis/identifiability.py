@@ -271,14 +271,12 @@ class _Derivative:
 def _shape(design: Design, values: dict[str, Array], scales: dict[str, Array], equilibrium: Equilibrium):
     """The shape as a function of the flat changes of the parameters, modulo rigid motions."""
     problem = design.problem(values)
-    assembly, size = problem.assembly, 3 * problem.mesh.n_vertices
+    dofs, size = problem.assembly.dofs, 3 * problem.mesh.n_vertices
     basis = None
     motions = problem.rigid_motions()
     if motions is not None:
-        motions = motions(assembly.restrict(assembly.join(equilibrium.vertices, equilibrium.directors)))
-        still = jnp.zeros(assembly.size)
-        field = lambda motion: assembly.split(assembly.extend(motion, still))[0].reshape(-1)
-        fields = jax.vmap(field, in_axes=1, out_axes=1)(motions)
+        motions = motions(dofs.gather(equilibrium.unknowns))
+        fields = jax.vmap(lambda motion: dofs.motion(motion).vertices.reshape(-1), in_axes=1, out_axes=1)(motions)
         basis = orthonormal(jax.lax.stop_gradient(fields))
 
     def shape(change: Float[Array, " n"]) -> Float[Array, " m"]:
