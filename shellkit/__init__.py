@@ -8,6 +8,7 @@ from ._actuation import (
     Laminate as Laminate,
     Layer as Layer,
     Nematic as Nematic,
+    NeuralDirectors as NeuralDirectors,
     OrthotropicGrowth as OrthotropicGrowth,
     Passive as Passive,
     Prescribed as Prescribed,
@@ -140,7 +141,7 @@ from ._plot import (
     plot as plot,
     plot_history as plot_history,
 )
-from ._problem import InverseProblem as InverseProblem
+from ._problem import Equilibria as Equilibria, InverseProblem as InverseProblem, States as States
 from ._programs.waiting import keep_compiled as keep_compiled
 from ._rest import RestShape as RestShape
 from ._starts import (

@@ -10,6 +10,7 @@ from jaxtyping import Array, Bool, Float, Int, Scalar
 
 from ._energy import Unknowns
 from ._mesh.mesh import Mesh
+from ._programs.tracing import with_parts
 from ._rest import RestShape
 
 
@@ -113,6 +114,10 @@ class Equilibrium(eqx.Module):
     def unknowns(self) -> Unknowns:
         """Positions and directors together."""
         return Unknowns(self.vertices, self.directors)
+
+    def with_unknowns(self, unknowns: Unknowns) -> "Equilibrium":
+        """The same with other positions and directors, as where to start a relaxation from."""
+        return with_parts(self, vertices=unknowns.vertices, directors=unknowns.directors)
 
     @property
     def diagnostics(self) -> Diagnostics:

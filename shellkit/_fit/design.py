@@ -1,7 +1,7 @@
 """Which arrays of a problem are trained, by which names, and within which bounds. A `Design` splits a problem into
 the variables an optimiser moves and the rest, which is neither differentiated nor copied."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,8 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
-
-_LISTED = 12  # names in a message
+from .._problem.selection import name_of, selected
 
 
 @dataclass(frozen=True)
@@ -110,9 +109,9 @@ def split(
 
 def split_at(problem: Any, names: Sequence[str], bounds: Sequence[Bounds] = ()) -> tuple[Design, dict[str, Array]]:
     """As `split`, for arrays given by their names."""
-    spec = jax.tree_util.tree_map_with_path(lambda path, _: _name(path) in names, problem)
+    spec = jax.tree_util.tree_map_with_path(lambda path, _: name_of(path) in names, problem)
     trained, frozen = eqx.partition(problem, spec)
-    found = {_name(path): jnp.asarray(leaf) for path, leaf in jax.tree_util.tree_leaves_with_path(trained)}
+    found = {name_of(path): jnp.asarray(leaf) for path, leaf in jax.tree_util.tree_leaves_with_path(trained)}
     intervals = {}
     for limits in bounds:
         for name in selected(problem, limits.where, "Bounds.where"):
@@ -122,82 +121,6 @@ def split_at(problem: Any, names: Sequence[str], bounds: Sequence[Bounds] = ()) 
     return Design(frozen, intervals, tuple(found), jax.tree.structure(trained)), found
 
 
-def selected(problem: Any, where: Callable[[Any], PyTree], what: str) -> list[str]:
-    """The names of the arrays that a function picks from a problem, found by handing it a copy of the problem whose
-    arrays are known by their identity.
-
-    What it picks are arrays, or parts of the problem: of a part each floating-point array counts, and whatever else is
-    in it (activation functions, integers) is left alone.
-    """
-    leaves = {_name(path): leaf for path, leaf in jax.tree_util.tree_leaves_with_path(problem)}
-    copies = {name: jax.device_put(np.asarray(leaf)) for name, leaf in leaves.items() if eqx.is_inexact_array(leaf)}
-    marked = jax.tree_util.tree_map_with_path(lambda path, _: copies.get(_name(path), _Mark(_name(path))), problem)
-    try:
-        items = list(_items(where(marked)))
-    except Exception as error:
-        raise ValueError(
-            f"{what} must only pick parts of the problem, as in lambda p: (p.actuation.top.angle, "
-            f"p.actuation.bottom.angle); it failed with {type(error).__name__}: {error}"
-        ) from error
-    if not items:
-        raise ValueError(
-            f"{what} picked nothing from the problem: let it return at least one array. There are {_listed(copies)}."
-        )
-    names_of = {id(copy): name for name, copy in copies.items()}
-    names: list[str] = []
-    for place, item in enumerate(items):
-        for name in _names_in(item, names_of, leaves, f"{what}: item {place}"):
-            if name in names:
-                raise ValueError(f"{what} picked {name} twice.")
-            names.append(name)
-    return names
-
-
-def _items(picked: PyTree) -> Iterator[Any]:
-    """What was picked, out of the tuples, lists and dictionaries that it was put in."""
-    if isinstance(picked, dict):
-        picked = list(picked.values())
-    if type(picked) in (tuple, list):
-        for item in picked:
-            yield from _items(item)
-    else:
-        yield picked
-
-
-def _names_in(item: Any, names_of: dict[int, str], leaves: dict[str, Any], place: str) -> list[str]:
-    """The names of an array that was picked, or of all arrays in a part that was."""
-    if item is None:
-        raise ValueError(f"{place} is None: an absent part. Pick floating-point arrays of the problem.")
-    if isinstance(item, _Mark):
-        leaf = leaves[item.name]
-        kind = f"an array of {leaf.dtype}" if eqx.is_array(leaf) else f"a {type(leaf).__name__}"
-        raise ValueError(
-            f"{place} is {item.name}, {kind}: only floating-point arrays can be trained. Make it a jnp array of "
-            "floats, or leave it out."
-        )
-    inside = jax.tree.leaves(item)
-    if jax.tree_util.all_leaves([item]) and id(item) not in names_of:
-        said = f"a new array of shape {item.shape}" if eqx.is_array(item) else repr(item)
-        raise ValueError(
-            f"{place} is {said}, which is no array of the problem. Pick floating-point arrays as they are, without "
-            "sums and slices."
-        )
-    names = [names_of[id(leaf)] for leaf in inside if id(leaf) in names_of]
-    if not names:
-        others = {leaf.name: leaf for leaf in inside if isinstance(leaf, _Mark)}
-        raise ValueError(
-            f"{place}, a {type(item).__name__}, holds no floating-point array, which alone can be trained; it holds "
-            f"{_listed(others)}."
-        )
-    return names
-
-
-def _listed(named: Mapping[str, Any]) -> str:
-    names = list(named)
-    more = f" and {len(names) - _LISTED} more" if len(names) > _LISTED else ""
-    return (", ".join(names[:_LISTED]) or "nothing") + more
-
-
 @dataclass(frozen=True)
 class Named:
     """Picks arrays from a problem by their names: a `where` that can be sent to another process."""
@@ -205,17 +128,8 @@ class Named:
     names: tuple[str, ...]
 
     def __call__(self, problem: Any) -> list[Any]:
-        found = {_name(path): leaf for path, leaf in jax.tree_util.tree_leaves_with_path(problem)}
+        found = {name_of(path): leaf for path, leaf in jax.tree_util.tree_leaves_with_path(problem)}
         return [found[name] for name in self.names]
-
-
-@dataclass(frozen=True)
-class _Mark:
-    name: str
-
-
-def _name(path: Any) -> str:
-    return jax.tree_util.keystr(path, simple=True, separator=".")
 
 
 def _interval(name: str, value: Float[Array, "..."], limits: Bounds) -> Interval:

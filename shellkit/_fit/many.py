@@ -218,7 +218,7 @@ class _Task:
     def names(self, problem: Any) -> list[str]:
         where = self.options["where"]
         if where is None:
-            return selected(problem, lambda p: p.actuation, "where=None", inexact_only=True)
+            return selected(problem, lambda p: p.actuation, "where=None")
         return list(where.names)
 
 

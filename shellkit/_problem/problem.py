@@ -128,7 +128,7 @@ class InverseProblem(eqx.Module):
         check_constraints(self.energy, self.solver)
         check_one_curvature(self.energy)
         if self.loss is not None:
-            self.loss.check(self.mesh, self.actuation)
+            self.loss.check(self.mesh, self.actuation.on(self.mesh))
 
     def replace(self, **parts: Any) -> "InverseProblem":
         """This problem built anew with other parts, given by the names that they have when a problem is built.
@@ -160,7 +160,7 @@ class InverseProblem(eqx.Module):
         form = Terms.of(self.energy).form
         beyond = None if self.supports is None or form is None else self.supports.at(0.0).continuation(self.mesh)
         rest = RestShape.of(self.mesh, self.thickness, form, beyond)
-        actuated = self.actuation(rest)
+        actuated = self.actuation.on(self.mesh)(rest)
         shared = self.rest_lengths == "shared" and not isinstance(self.actuation, Passive)
         return actuated.sharing_edges(self.mesh) if shared else actuated
 
@@ -312,7 +312,7 @@ class InverseProblem(eqx.Module):
     def _assessed(self, equilibrium: Equilibrium) -> tuple[Scalar, tuple[dict[str, Scalar], Equilibrium]]:
         if self.loss is None:
             raise ValueError("This InverseProblem has no loss: give it one, such as loss=sk.VertexDistance(target).")
-        value, terms = assess(self.loss, equilibrium, self.actuation)
+        value, terms = assess(self.loss, equilibrium, self.actuation.on(self.mesh))
         return value, (terms, equilibrium)
 
     def evaluate(self) -> tuple[Scalar, dict[str, Scalar]]:
@@ -352,9 +352,10 @@ class InverseProblem(eqx.Module):
         if self.loss is None:
             raise ValueError("This InverseProblem has no loss: give it one, such as loss=sk.VertexDistance(target).")
         equilibrium = self.near(equilibrium) if self.loss.needs_shape else self.unrelaxed()
-        found = self.loss.residuals(equilibrium, self.actuation)
+        actuation = self.actuation.on(self.mesh)
+        found = self.loss.residuals(equilibrium, actuation)
         if found is None:
-            other = [term.name for term in self.loss.terms_without_residuals(equilibrium, self.actuation)]
+            other = [term.name for term in self.loss.terms_without_residuals(equilibrium, actuation)]
             raise ValueError(
                 f"The loss is no sum of squares: {', '.join(other)} gives no residuals. Make it a LeastSquaresLoss, or "
                 "train with an optax optimiser."
@@ -363,9 +364,9 @@ class InverseProblem(eqx.Module):
 
     def unrelaxed(self) -> Equilibrium:
         """The surface at rest as an equilibrium that nothing was done to: for losses that do not look at the shape."""
-        return Equilibrium.of(
-            self.mesh, self.rest_shape(), Pose(Unknowns(self.mesh.vertices)), Diagnostics.of_nothing()
-        )
+        rest = Start.of(self.mesh, self.assembly, None)
+        pose = Pose(rest.unknowns, multipliers=rest.multipliers)
+        return Equilibrium.of(self.mesh, self.rest_shape(), pose, Diagnostics.of_nothing())
 
     def citation(self) -> str:
         """The papers behind the parts in use, as BibTeX: print it. Each part names its own in its class attribute

@@ -42,6 +42,11 @@ class Relaxed(eqx.Module):
     stuck: Bool[Array, ""]
     last: LastFactor | None
 
+    @property
+    def start(self) -> Start:
+        """Where a relaxation begins that goes on from here."""
+        return Start(self.pose.unknowns, self.pose.multipliers)
+
     def after(self, earlier: Diagnostics) -> "Relaxed":
         """This with the steps and factorisations of what came before."""
         more = lambda one, other: known(np.asarray(one) + np.asarray(other))

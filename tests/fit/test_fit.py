@@ -249,7 +249,10 @@ def test_where_may_pick_a_part(make_quadratic, where):
     ("where", "message"),
     [
         (lambda p: p.actuation.network.activation, "actuation.network.activation, a .*: only floating-point"),
-        (lambda p: eqx.filter(p.actuation, lambda leaf: False), "Pattern, holds no floating-point array.*holds nothing"),
+        (
+            lambda p: eqx.filter(p.actuation, lambda leaf: False),
+            "Pattern, holds no floating-point array.*nothing",
+        ),
         (lambda p: [], "picked nothing.*There are .*actuation.network.layers.0.weight"),
     ],
 )
