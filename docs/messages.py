@@ -14,6 +14,7 @@ PARTS = {
     "_problem": "Problems",
     "_relaxation": "Problems",
     "_programs": "Problems",
+    "_package": "Problems",
     "_rest": "Problems",
     "_equilibrium": "Problems",
     "_actuation": "Actuation",

@@ -121,6 +121,8 @@ from ._loss import (
     WeightedLoss as WeightedLoss,
 )
 from ._mesh.mesh import Mesh as Mesh
+from ._package.about import about as about
+from ._package.distribution import __version__ as __version__
 from ._path import (
     ArcLength as ArcLength,
     Branch as Branch,

@@ -27,7 +27,7 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 LAYERS = [
     {"_programs", "_citation"},
     {"_mesh", "_solve"},
-    {"meshes", "_geometry"},
+    {"meshes", "_geometry", "_package"},
     {"_rest", "_supports", "_align"},
     {"_actuation", "_energy"},
     {"_equilibrium", "_starts"},
@@ -53,6 +53,9 @@ REFINABLE = {
     "director_fields",
     "engaged",
 }
+
+# Files that are still to be divided.
+TOO_LONG = {"_solve/newton/newton.py", "_path/arc_length.py", "_problem/problem.py"}
 
 
 def run(*command):
@@ -262,7 +265,8 @@ def test_imports_run_downwards(path):
 @pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(PACKAGE)))
 def test_files_hold_one_idea(path):
     assert "util" not in path.name
-    assert len(path.read_text().splitlines()) <= 450
+    lines = len(path.read_text().splitlines())
+    assert lines <= 400 or (str(path.relative_to(PACKAGE)) in TOO_LONG and lines <= 450)
 
 
 def test_rooms_hold_the_code():
@@ -320,6 +324,6 @@ def test_wheel_holds_the_package_and_nothing_else(tmp_path):
 
     wheel = next(WheelBuilder(str(ROOT)).build(directory=str(tmp_path), versions=["standard"]))
     names = ZipFile(wheel).namelist()
-    assert {name.partition("/")[0] for name in names} == {"shellkit", "shellkit-0.1.0.dist-info"}
+    assert {name.partition("/")[0] for name in names} == {"shellkit", f"shellkit_jax-{shellkit.__version__}.dist-info"}
     assert "shellkit/py.typed" in names
     assert {Path(name).suffix for name in names if name.startswith("shellkit/")} == {".py", ".typed"}

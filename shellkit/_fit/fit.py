@@ -93,7 +93,7 @@ def fit(
     - `progress`: whether to show a bar on a terminal or in a notebook. Elsewhere nothing is shown.
     - `log`: the path of a file to append each row of the history to, as a line of JSON. When a killed fit is resumed,
         the steps since its checkpoint come a second time.
-    - `tensorboard`: a folder to write curves to; needs the extra `shellkit[tensorboard]`.
+    - `tensorboard`: a folder to write curves to; needs the extra `tensorboard`.
     - `callbacks`: functions called with a [`shellkit.FitStep`][] at each step. One that returns `True` stops it.
     - `patience`: stop when the best loss of the last `patience` steps is not below the best before them by the fraction
         `tolerance`. `None`: never.

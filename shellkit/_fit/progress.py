@@ -8,6 +8,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import IO, Any, Protocol
 
+from .._package.distribution import DISTRIBUTION
 from .history import FitStep
 
 
@@ -95,7 +96,9 @@ class TensorBoard:
         try:
             from tensorboardX import SummaryWriter  # pyright: ignore[reportMissingImports]
         except ImportError as error:
-            raise ImportError("fit(tensorboard=...) needs tensorboardX: pip install 'shellkit[tensorboard]'") from error
+            raise ImportError(
+                f"fit(tensorboard=...) needs tensorboardX: pip install '{DISTRIBUTION}[tensorboard]'"
+            ) from error
         self._writer = SummaryWriter(str(folder))
 
     def __enter__(self) -> "TensorBoard":

@@ -74,5 +74,5 @@ def test_tensorboard(make_quadratic, angle, monkeypatch):
 
 def test_tensorboard_absent(make_quadratic, angle, monkeypatch):
     monkeypatch.setitem(sys.modules, "tensorboardX", None)
-    with pytest.raises(ImportError, match=r"pip install 'shellkit\[tensorboard\]'"):
+    with pytest.raises(ImportError, match=r"pip install 'shellkit-jax\[tensorboard\]'"):
         fit(make_quadratic(), optax.sgd(0.1), steps=3, where=angle, tensorboard="runs")

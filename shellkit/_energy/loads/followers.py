@@ -81,7 +81,7 @@ def cone_apex(mesh: Mesh) -> Float[Array, " 3"]:
     if mesh.is_closed:
         return jnp.mean(mesh.vertices, axis=0)
     rim = mesh.boundary_vertices[:, None]
-    return jnp.sum(jnp.where(rim, mesh.vertices, 0.0), axis=0) / jnp.sum(rim)
+    return jnp.sum(jnp.where(rim, mesh.vertices, 0.0), axis=0) / jnp.sum(rim).astype(float)
 
 
 def cone_volume(x: Float[Array, "3 3"], apex: Float[Array, " 3"]) -> Scalar:
