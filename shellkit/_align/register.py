@@ -19,9 +19,7 @@ _ENOUGH = 1000  # points by which starts are judged
 _TRIED = 5  # of the starts, the best ones
 
 
-def register(
-    mesh: Mesh | ArrayLike | Sequence, target: Mesh | ArrayLike | Sequence, max_steps: int = 50
-) -> Motion:
+def register(mesh: Mesh | ArrayLike | Sequence, target: Mesh | ArrayLike | Sequence, max_steps: int = 50) -> Motion:
     """The rigid motion that lays a surface, or points, upon another one, wherever both lie.
 
     The principal axes of one are laid upon those of the other in every way that a rotation can, with all signs and,

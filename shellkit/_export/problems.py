@@ -55,10 +55,10 @@ def save(problem: Any, path: str | os.PathLike) -> Path:
         raise FileNotFoundError(f"save: cannot write {path}: there is no folder {path.parent}; create it first.")
     encoder = Encoder()
     header = {"format": _FORMAT, "version": _VERSION, "root": encoder.encode(problem, "problem")}
-    structure = np.frombuffer(json.dumps(header).encode(), np.uint8)
-    arrays = {f"array_{k}": array for k, array in enumerate(encoder.arrays)}
+    arrays = {"structure": np.frombuffer(json.dumps(header).encode(), np.uint8)}
+    arrays |= {f"array_{k}": array for k, array in enumerate(encoder.arrays)}
     with replaced(path) as part, part.open("wb") as file:
-        np.savez(file, structure=structure, **arrays)
+        np.savez(file, **arrays)  # pyright: ignore[reportArgumentType]  # its one option is none of these names
     return path
 
 
@@ -72,8 +72,9 @@ def load(path: str | os.PathLike, classes: Sequence[type] = ()) -> Any:
 
     **Returns:** the problem, built anew from its parts, or the part that was saved.
 
-    **Raises:** `FileNotFoundError` if there is no such file. `ValueError` for a file of something else, one that a newer
-    version of shellkit wrote, a class that is not at hand (with its name), and a class whose fields have changed.
+    **Raises:** `FileNotFoundError` if there is no such file. `ValueError` for a file of something else, one that a
+    newer version of shellkit wrote, a class that is not at hand (with its name), and a class whose fields have
+    changed.
     """
     path = Path(path)
     try:

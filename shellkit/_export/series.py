@@ -1,5 +1,6 @@
 """A series of shapes for ParaView: a vtu file for each, and a pvd file that lists them with their times."""
 
+import itertools
 import os
 from collections.abc import Sequence
 from pathlib import Path as FilePath
@@ -21,7 +22,7 @@ Frame = tuple[float, Equilibrium, InverseProblem | None]
 
 def write_series(
     path: str | os.PathLike,
-    frames: Path | Branch | Snapshots | FitResult | Sequence[Equilibrium],
+    frames: Path | Branch | Snapshots | FitResult | Sequence,
     *,
     problem: InverseProblem | None = None,
     times: ArrayLike | Sequence | None = None,
@@ -108,6 +109,6 @@ def _trained(step: float, problem: InverseProblem, equilibrium: Equilibrium | No
 
 def _checked_times(times: ArrayLike | Sequence, count: int) -> list[float]:
     moments = [float(time) for time in times]  # pyright: ignore[reportGeneralTypeIssues]  # arrays of numbers have it
-    if len(moments) != count or any(b <= a for a, b in zip(moments, moments[1:], strict=False)):
+    if len(moments) != count or any(b <= a for a, b in itertools.pairwise(moments)):
         raise ValueError(f"write_series: {len(moments)} times for {count} frames; give one for each, rising.")
     return moments

@@ -4,6 +4,7 @@ dictionary whose key `"is"` says what."""
 import dataclasses
 import math
 import sys
+import types
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 
 from .._mesh.mesh import Mesh
 from .._problem.problem import InverseProblem
@@ -35,7 +35,11 @@ def _functions() -> dict[str, Callable]:
     """The functions that a file may name: none of them does more than count."""
     found = {f"jax.nn:{name}": value for name, value in vars(jax.nn).items() if callable(value) and name[0] != "_"}
     found |= {f"jax.numpy:{name}": getattr(jnp, name) for name in _ELEMENTARY}
-    return found | {f"optimistix:{name}": getattr(optx, name) for name in ("max_norm", "rms_norm", "two_norm")}
+    # Fields of minimisers: norms, and what prints.
+    for module in [module for name, module in sys.modules.items() if f"{name}.".startswith("optimistix.")]:
+        own = {name: value for name, value in vars(module).items() if isinstance(value, types.FunctionType)}
+        found |= {f"optimistix:{name}": f for name, f in own.items() if f"{f.__module__}.".startswith("optimistix.")}
+    return found
 
 
 def _subclasses(cls: type) -> Iterator[type]:
@@ -99,16 +103,16 @@ class Encoder:
                 "returns, or make it an equinox.Module with a __call__, which is loaded with classes=[...]."
             )
         raise ValueError(
-            f"save: {place} is a {type(node).__name__}, which cannot be stored. Parts of a problem are arrays, numbers, "
-            "texts, equinox.Modules, and lists, tuples and dictionaries of these."
+            f"save: {place} is a {type(node).__name__}, which cannot be stored. Parts of a problem are arrays, "
+            "numbers, texts, equinox.Modules, and lists, tuples and dictionaries of these."
         )
 
     def _array(self, array: Any, place: str) -> dict[str, Any]:
-        which = "number" if isinstance(array, np.generic) else "numpy"
-        which = "jax" if isinstance(array, jax.Array) else which
-        if which == "jax" and jax.dtypes.issubdtype(array.dtype, jax.dtypes.prng_key):
+        if isinstance(array, jax.Array) and jax.dtypes.issubdtype(array.dtype, jax.dtypes.prng_key):
             kind = str(jax.random.key_impl(array))
             return {"is": "key", "kind": kind, "data": self._array(jax.random.key_data(array), place)}
+        which = "number" if isinstance(array, np.generic) else "numpy"
+        which = "jax" if isinstance(array, jax.Array) else which
         values = np.asarray(array)
         if values.dtype.kind not in "biufc":
             raise ValueError(f"save: {place} is an array of type {values.dtype}; numbers and flags can be stored.")

@@ -22,8 +22,8 @@ def vertex_fields(mesh: Mesh, vertices: Float[Array, "V 3"], reactions: Float[Ar
 
 
 def face_fields(mesh: Mesh, rest: RestShape, vertices: Float[Array, "V 3"]) -> Fields:
-    r"""Thickness at rest, and the elastic strain $\sqrt{B g_r^{-1} B^T} - 1$ with $g = B^T B$: as a tensor in space, and
-    its larger and smaller principal value."""
+    r"""Thickness at rest, and the elastic strain $\sqrt{B g_r^{-1} B^T} - 1$ with $g = B^T B$: as a tensor in space,
+    and its larger and smaller principal value."""
     frames, matrix = _frames(np.asarray(vertices), mesh)
     squared = matrix @ np.linalg.inv(np.asarray(rest.metric)) @ matrix.transpose(0, 2, 1)
     # The root of a symmetric 2 x 2 matrix, by Cayley and Hamilton.

@@ -19,6 +19,7 @@ from . import files
 from .connectivity import SurfaceError, connect, listed
 from .formats.content import MeshTopologyWarning
 from .quality import MeshQuality, doubts, measure
+from .units import MILLIMETRES, millimetres
 
 
 class Mesh(eqx.Module):
@@ -141,6 +142,8 @@ class Mesh(eqx.Module):
         path: str | os.PathLike,
         vertex_data: Mapping[str, ArrayLike] | None = None,
         face_data: Mapping[str, ArrayLike] | None = None,
+        *,
+        unit: str | None = None,
     ) -> None:
         """Writes the mesh and its data to a file, whole or not at all.
 
@@ -152,14 +155,18 @@ class Mesh(eqx.Module):
 
         - `path`: where to; the extension tells the format, as in `read`.
         - `vertex_data`, `face_data`: further named arrays, in the place of the mesh's own of the same name.
+        - `unit`: of the file, for a mesh in metres: `"mm"`, `"cm"`, `"m"`, `"um"` or `"in"`, as in `read`. By default
+            positions are written as they are.
 
-        **Raises:** `MeshFileError` for an unknown format or a missing folder, `ValueError` for data of another length.
+        **Raises:** `MeshFileError` for an unknown format or a missing folder, `ValueError` for data of another length
+        and for a unit that is none.
         **Warns:** `MeshDataWarning` with the names of the data that the format cannot keep.
         """
+        scale = 1.0 if unit is None else MILLIMETRES["m"] / millimetres("Mesh.write", unit)
         files.write(
             path,
             files.Content(
-                np.asarray(self.vertices),
+                np.asarray(self.vertices) * scale,
                 np.asarray(self.faces),
                 _host({**self.vertex_data, **_data(vertex_data, "vertex", self.n_vertices)}),
                 _host({**self.face_data, **_data(face_data, "face", self.n_faces)}),

@@ -82,7 +82,7 @@ def _as_met(first, inverse):
 
 def _near(surface, tolerance):
     """A number for each vertex, the same for those that lie near each other."""
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     points, faces = surface.points, surface.faces
     if tolerance is None:
@@ -93,7 +93,7 @@ def _near(surface, tolerance):
         chosen, limits = np.arange(len(points)), np.full(len(points), float(tolerance))
     if not len(chosen) or not np.isfinite(points).all():
         return np.arange(len(points))
-    a, b = cKDTree(points[chosen]).query_pairs(limits.max(), output_type="ndarray").T
+    a, b = KDTree(points[chosen]).query_pairs(limits.max(), output_type="ndarray").T
     near = np.linalg.norm(points[chosen[a]] - points[chosen[b]], axis=1) <= np.minimum(limits[a], limits[b])
     _, label = components(len(points), chosen[a[near]], chosen[b[near]])
     _, first, inverse = np.unique(label, return_index=True, return_inverse=True)

@@ -1,5 +1,6 @@
 """Stanford ply: positions, faces and data of both, exact, in binary. Numbers are scalar properties of a vertex or a
-face, vectors are lists of fixed length; triangle strips are read as well. The format has no 64-bit integers: they are kept where 32 bits hold them."""
+face, vectors are lists of fixed length. The format has no 64-bit integers: they are kept where 32 bits hold them.
+Triangle strips are read as well."""
 
 import codecs
 from pathlib import Path

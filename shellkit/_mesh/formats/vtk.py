@@ -51,7 +51,7 @@ def _polygons(surface):
 def _lists(cells):
     if not cells.GetNumberOfCells():
         return []
-    offsets, corners = np.asarray(cells.GetOffsetsArray(), int), np.asarray(cells.GetConnectivityArray(), int)
+    offsets, corners = (np.array(part).astype(int) for part in (cells.GetOffsetsArray(), cells.GetConnectivityArray()))
     sizes = np.diff(offsets)
     if (sizes == 3).all():
         return corners.reshape(-1, 3)
@@ -59,8 +59,8 @@ def _lists(cells):
 
 
 def _cells(grid):
-    kinds, offsets = np.asarray(grid.celltypes), np.asarray(grid.cell_offsets, int)
-    corners = np.asarray(grid.cell_connectivity, int)
+    kinds, offsets = np.asarray(grid.celltypes), np.asarray(grid.cell_offsets).astype(int)
+    corners = np.asarray(grid.cell_connectivity).astype(int)
     chosen = np.flatnonzero(~np.isin(kinds, _POINTLIKE))
     others = set(kinds[chosen].tolist()) - {*_POLYGONS, _STRIP, _PIXEL}
     if others:
