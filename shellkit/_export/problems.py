@@ -25,7 +25,8 @@ def save(problem: Any, path: str | os.PathLike) -> Path:
 
     The file is a numpy npz: arrays to the last bit, and the structure as JSON. It holds no code and nothing pickled,
     so that a file from a stranger can be loaded. What follows from the parts (connectivity, numbering) is not
-    stored, but worked out when the problem is loaded.
+    stored, but worked out when the problem is loaded; and where the solver is the default one of this machine, whoever
+    loads the problem has theirs.
 
     **Arguments:**
 
@@ -81,14 +82,17 @@ def load(path: str | os.PathLike, classes: Sequence[type] = ()) -> Any:
         with np.load(path, allow_pickle=False) as stored:
             arrays = {name: stored[name] for name in stored.files}
         header = json.loads(arrays.pop("structure").tobytes())
-        known = header["format"] == _FORMAT
+        known, newer = header["format"] == _FORMAT, header["version"] > _VERSION
     except (ValueError, KeyError, TypeError, AttributeError, EOFError, zipfile.BadZipFile) as error:
         raise ValueError(f"load: {path} is no file of sk.save, or damaged: {error}") from error
     if not known:
         raise ValueError(f"load: {path} holds a {header['format']!r}, which is nothing that sk.save writes.")
-    if header["version"] > _VERSION:
+    if newer:
         raise ValueError(
             f"load: {path} has version {header['version']} of the format, and this shellkit knows it up to {_VERSION}: "
             "load it with a newer shellkit."
         )
-    return Decoder(path, arrays, classes).decode(header["root"], "problem")
+    try:
+        return Decoder(path, arrays, classes).decode(header["root"], "problem")
+    except KeyError as error:
+        raise ValueError(f"load: {path} is damaged: it lacks {error}.") from error

@@ -17,6 +17,7 @@ import numpy as np
 from .._mesh.mesh import Mesh
 from .._problem.problem import InverseProblem
 from .._programs.tracing import known
+from .._solve.newton.newton import SparseNewton
 
 
 # Packages whose modules are known by name: of the last one, layers of networks only.
@@ -131,6 +132,8 @@ class Encoder:
             )
         own = vars(module)
         names = _BUILT.get(cls) or [field.name for field in dataclasses.fields(module) if field.name in own]
+        if cls is InverseProblem and eqx.tree_equal(own["solver"], SparseNewton()) is True:
+            own = {**own, "solver": None}
         package = _package(cls)
         return {
             "is": "module",

@@ -14,8 +14,8 @@ from jaxtyping import Int
 class SurfaceError(ValueError):
     """What is no oriented surface: what is wrong and where, the remedy for arrays, and the one for a file."""
 
-    def __init__(self, fault: str, remedy: str, in_file: str, reverse: Int[np.ndarray, " n"] | None = None):
-        super().__init__(f"{fault} {remedy}")
+    def __init__(self, fault: str, remedy: str = "", in_file: str = "", reverse: Int[np.ndarray, " n"] | None = None):
+        super().__init__(f"{fault} {remedy}".strip())
         self.of_file = f"{fault} {in_file}"
         self.reverse = reverse  # the faces to reverse, where that is all
 

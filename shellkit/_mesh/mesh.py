@@ -116,8 +116,8 @@ class Mesh(eqx.Module):
             be. Their data go to each part; angles of directors lose their meaning, as first edges change.
         - `drop_unused`: leaves out vertices that no face has.
         - `orient`: reverses the faces, of each piece the fewer ones, whose orientation differs from the others'.
-        - `unit`: of the file, `"mm"`, `"cm"`, `"m"`, `"um"` or `"in"`: positions are turned into metres. By default
-            they stay as they are.
+        - `unit`: of the file, `"mm"`, `"cm"`, `"m"`, `"um"` or `"in"`: positions are turned into metres, data are
+            not. By default they stay as they are.
 
         **Raises:** `MeshFileError`, a `ValueError` that names the path, for a missing file (it is a `FileNotFoundError`
         then too), an unknown format, a file that cannot be understood, faces that are no triangles (with their count),

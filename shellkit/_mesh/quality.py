@@ -138,8 +138,8 @@ def doubts(vertices: Float[np.ndarray, "V 3"], report: MeshQuality, faces: Int[n
     double = coincident(vertices, faces)
     if double:
         found.append(
-            f"{double} vertices at open edges lie where another one does, so that the surface is torn there (Mesh.read("
-            "path, weld=True) joins them, weld=tolerance those that are further apart)"
+            f"{double} vertices lie where another one does: torn seams, or parts that touch (Mesh.read(path, weld="
+            "True) joins them, weld=tolerance those that are further apart)"
         )
     if report.n_components > 1:
         found.append(f"the surface is in {report.n_components} pieces")

@@ -55,9 +55,8 @@ def weld(points: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"], tolera
 
 
 def coincident(points: Float[np.ndarray, "V 3"], faces: Int[np.ndarray, "F 3"]) -> int:
-    """How many vertices lie at open edges, as near to another one there as joins them where no tolerance is given."""
-    whole = Welded(points, faces, np.arange(len(points)), np.arange(len(faces)))
-    return len(points) - len(np.unique(_near(whole, None)))
+    """How many vertices would go if those that coincide were joined, without a tolerance."""
+    return len(points) - len(np.unique(_near(_joined(points, faces, _equal(points)), None)))
 
 
 def open_vertices(faces: Int[np.ndarray, "F 3"], n_vertices: int) -> Int[np.ndarray, " k"]:

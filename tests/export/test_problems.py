@@ -108,6 +108,15 @@ def test_random_keys_come_back(tmp_path):
     assert jnp.array_equal(jax.random.normal(key, 4), jax.random.normal(again, 4))
 
 
+def test_the_solver_of_this_machine_is_not_stored(tmp_path):
+    """It may not be there where the file is loaded; one that was chosen is kept."""
+    for solver, stored in ((None, False), (sk.SparseNewton(linear_solver=sk.SuperLU()), True)):
+        path = sk.save(sk.InverseProblem(MESH, 0.05, SHELL, solver=solver), tmp_path / "a.npz")
+        with np.load(path, allow_pickle=False) as file:
+            assert (b"SparseNewton" in file["structure"].tobytes()) == stored
+        assert same(sk.load(path).solver, sk.SparseNewton() if solver is None else solver)
+
+
 def test_an_array_in_two_places_is_stored_once(tmp_path):
     sk.save(sk.Bilayer(sk.Nematic(ANGLES, 1.1), sk.Nematic(ANGLES, 1.2)), tmp_path / "a.npz")
     with np.load(tmp_path / "a.npz", allow_pickle=False) as stored:
@@ -177,6 +186,7 @@ def test_files_of_others_and_of_other_versions_are_refused(tmp_path):
         (lambda h: h.update(version=2), "has version 2 of the format, and this shellkit knows it up to 1"),
         (lambda h: h.update(format="x"), "holds a 'x', which is nothing"),
         (lambda h: h["root"].update({"class": "shellkit:Nothing"}), "the shellkit installed here does not have it"),
+        (lambda h: h["root"].pop("fields"), r"a\.npz is damaged: it lacks 'fields'"),
         (lambda h: h["root"].update({"class": "os:system"}), "is a system of os, whose class is not at hand"),
         (lambda h: h["root"].update({"is": "function", "name": "os:system"}), "function os:system, which is not known"),
         (

@@ -5,7 +5,9 @@ import warnings
 
 import numpy as np
 import pytest
+import pyvista
 
+import shellkit as sk
 from shellkit import meshes
 from shellkit._mesh import Mesh, MeshFileError, MeshTopologyWarning
 
@@ -89,9 +91,7 @@ def test_an_unwelded_mesh_is_told_and_welded_on_request(tmp_path, extension):
         warnings.simplefilter("ignore")
         soup.write(path)
     torn = 3 * BALL.n_faces - BALL.n_vertices
-    with pytest.warns(
-        MeshTopologyWarning, match=rf"{torn} vertices at open edges lie where another one does.*weld=True"
-    ):
+    with pytest.warns(MeshTopologyWarning, match=rf"{torn} vertices lie where another one does.*weld=True"):
         assert Mesh.read(path).n_vertices == 3 * BALL.n_faces
     welded = quietly(path, weld=True)
     assert welded.n_vertices == BALL.n_vertices and welded.is_closed
@@ -232,6 +232,12 @@ def test_volumes_are_refused_with_what_helps(tmp_path):
     (tmp_path / "m.vtu").write_text(VTU.format("0 1 2 4 1 4 2", "4 7", "10 5"))
     with pytest.raises(MeshFileError, match=r"no flat faces.*extract_surface"):
         Mesh.read(tmp_path / "m.vtu", split=True)
+    block = pyvista.ImageData(dimensions=(3, 3, 3)).cast_to_unstructured_grid()
+    block.save(tmp_path / "block.vtu")
+    with pytest.raises(MeshFileError, match=r"pyvista\.read\(path\)\.extract_surface\(algorithm=None\)\.save\("):
+        Mesh.read(tmp_path / "block.vtu", split=True)
+    pyvista.read(tmp_path / "block.vtu").extract_surface(algorithm=None).save(tmp_path / "surface.vtp")
+    assert quietly(tmp_path / "surface.vtp", split=True).quality().volume == 8.0
     tetrahedron = POLYGONS["msh"].replace("2 3 2 1 1 1 2 3 4", "2 4 2 1 1 1 2 3 4")
     (tmp_path / "m.msh").write_text(tetrahedron)
     with pytest.raises(MeshFileError, match=r"kinds tetra.*gmsh -2 -order 1"):
@@ -288,6 +294,7 @@ def test_a_cloud_of_points_is_named(tmp_path, faces):
     path.write_text(PLY.format(3, faces) + "0 0 0\n1 0 0\n0 1 0\n")
     with pytest.raises(MeshFileError, match=r"cloud\.ply.*holds 3 points and no faces.*sk\.Chamfer"):
         Mesh.read(path)
+    assert sk.Chamfer(pyvista.read(path).points).target.shape == (3, 3)
     (tmp_path / "cloud.obj").write_text("v 0 0 0\nv 1 0 0\n")
     with pytest.raises(MeshFileError, match="holds 2 points and no faces"):
         Mesh.read(tmp_path / "cloud.obj")

@@ -25,7 +25,7 @@ def read(path: Path) -> Polygons:
     else:
         raise ValueError(
             f"it holds a {type(grid).__name__}, and a surface was expected (PolyData, UnstructuredGrid). Take its "
-            "surface: pyvista.read(path).extract_surface().save('surface.vtp')."
+            "surface: pyvista.read(path).extract_surface(algorithm=None).save('surface.vtp')."
         )
     vertex_data = {name: _shaped(grid, "vertex", name, np.asarray(grid.point_data[name])) for name in grid.point_data}
     face_data = {name: _shaped(grid, "face", name, np.asarray(grid.cell_data[name]))[chosen] for name in grid.cell_data}
@@ -66,7 +66,7 @@ def _cells(grid):
     if others:
         raise ValueError(
             f"it holds cells that are no flat faces (of VTK's kinds {', '.join(map(str, sorted(others)))}). Take its "
-            "surface: pyvista.read(path).extract_surface().save('surface.vtp')."
+            "surface: pyvista.read(path).extract_surface(algorithm=None).save('surface.vtp')."
         )
     if (kinds[chosen] == _TRIANGLE).all():
         return corners[offsets[:-1][chosen][:, None] + np.arange(3)], chosen
