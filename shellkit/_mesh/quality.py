@@ -142,7 +142,9 @@ def doubts(vertices: Float[np.ndarray, "V 3"], report: MeshQuality, faces: Int[n
             "True) joins them, weld=tolerance those that are further apart)"
         )
     if report.n_components > 1:
-        found.append(f"the surface is in {report.n_components} pieces")
+        found.append(
+            f"the surface is in {report.n_components} pieces (Mesh.read(path, weld=tolerance) joins what is so near)"
+        )
     if report.n_boundary_loops > 1:
         found.append(f"it has {report.n_boundary_loops} boundary loops (holes, open ends or tears)")
     return found
