@@ -23,6 +23,7 @@ from ._align import (
     Motion as Motion,
     NoAlignment as NoAlignment,
     Similarity as Similarity,
+    register as register,
 )
 from ._analysis import (
     Hausdorff as Hausdorff,
@@ -65,6 +66,7 @@ from ._energy import (
     VolumeConstraint as VolumeConstraint,
 )
 from ._equilibrium import Equilibrium as Equilibrium, RESULTS as RESULTS
+from ._export import load as load, save as save, write_series as write_series
 from ._fabrication import (
     export_directors as export_directors,
     export_streamlines as export_streamlines,
@@ -120,7 +122,12 @@ from ._loss import (
     Volume as Volume,
     WeightedLoss as WeightedLoss,
 )
-from ._mesh.mesh import Mesh as Mesh
+from ._mesh import (
+    Mesh as Mesh,
+    MeshDataWarning as MeshDataWarning,
+    MeshFileError as MeshFileError,
+    MeshTopologyWarning as MeshTopologyWarning,
+)
 from ._package.about import about as about
 from ._package.distribution import __version__ as __version__
 from ._path import (

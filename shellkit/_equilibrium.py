@@ -1,6 +1,8 @@
 """What a relaxation returns: the shape, and everything about how it was found."""
 
 import dataclasses
+import os
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -9,6 +11,9 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int, Scalar
 
 from ._energy import Unknowns
+from ._fields.shape import face_fields, material_fields, vertex_fields
+from ._mesh.files import write as write_mesh
+from ._mesh.formats.content import Content
 from ._mesh.mesh import Mesh
 from ._programs.tracing import with_parts
 from ._rest import RestShape
@@ -123,3 +128,28 @@ class Equilibrium(eqx.Module):
     def diagnostics(self) -> Diagnostics:
         """How it was found."""
         return Diagnostics(**{field.name: getattr(self, field.name) for field in dataclasses.fields(Diagnostics)})
+
+    def write(self, path: str | os.PathLike, *, problem: Any = None) -> None:
+        """Writes the relaxed shape with its fields to a file, whole or not at all: for ParaView and others.
+
+        On vertices: `displacement` from rest, and `reaction` where something is held. On faces: `thickness` at rest;
+        `strain`, the elastic one against the actuated rest shape, a symmetric tensor in space, and `principal_strains`,
+        its larger and smaller value. With the problem also `stress`, that of [`shellkit.membrane_stress`][] as a
+        tensor in space, and `von_mises`; `energy_density`; and `director` (of several layers `top_director`,
+        `bottom_director`, ...), unit vectors carried along with the material.
+
+        **Arguments:**
+
+        - `path`: where to; the extension tells the format, as for [`shellkit.Mesh.write`][]. vtu, vtp and vtk keep all
+            fields, ply and msh some, obj, off and stl only the shape.
+        - `problem`: the [`shellkit.InverseProblem`][] that this is an equilibrium of, for its material and directors.
+
+        **Raises:** `MeshFileError` for an unknown format or a missing folder; `ValueError` for a problem on another
+        mesh.
+        """
+        faces = face_fields(self.mesh, self.rest, self.vertices)
+        if problem is not None:
+            faces |= material_fields(problem, self.mesh, self.rest, self.vertices, self.directors)
+        on_vertices = vertex_fields(self.mesh, self.vertices, self.reactions)
+        content = Content(np.asarray(self.vertices), np.asarray(self.mesh.faces), on_vertices, faces)
+        write_mesh(path, content, silent=True)

@@ -30,6 +30,7 @@ LAYERS = [
     {"meshes", "_geometry", "_package"},
     {"_rest", "_supports", "_align"},
     {"_actuation", "_energy"},
+    {"_fields"},
     {"_equilibrium", "_starts"},
     {"_loss"},
     {"_relaxation"},
@@ -37,6 +38,7 @@ LAYERS = [
     {"_path", "_fit"},
     {"_analysis"},
     {"_plot", "_fabrication"},
+    {"_export"},
 ]
 
 # Methods that a base class answers for everybody, and that a class may answer better.

@@ -76,7 +76,7 @@ def test_what_is_said_of_all(states):
     assert int(found.steps) == sum(int(each.steps) for each in found.values())
     assert bool(found.converged) and bool(found.stable) and found.result == sk.RESULTS.successful
     starved = sk.States({"one": shell(1.2).replace(max_steps=1), "two": shell(1.05)}, shared=angle)()
-    assert not bool(starved.converged) and starved.result == optx.RESULTS.nonlinear_max_steps_reached
+    assert not bool(starved.converged) and starved.result == sk.RESULTS.nonlinear_max_steps_reached
 
 
 def test_a_state_starts_from_another():
