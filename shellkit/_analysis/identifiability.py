@@ -43,8 +43,8 @@ class Identifiability(eqx.Module):
     $\\sigma_k$ is."""
     scale: dict[str, Array]
     """The unit of each parameter, in the shape of its array."""
-    equilibrium: Shape
-    """Where the derivative was taken."""
+    equilibrium: Any
+    """Where the derivative was taken: an [`shellkit.Equilibrium`][], or those of all states."""
     complete: bool = eqx.field(static=True)
     """Whether these are all directions; if not, all others have smaller singular values."""
 

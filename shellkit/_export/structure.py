@@ -16,6 +16,7 @@ import numpy as np
 
 from .._mesh.mesh import Mesh
 from .._problem.problem import InverseProblem
+from .._problem.states import States
 from .._programs.tracing import known
 from .._solve.newton.newton import SparseNewton
 
@@ -28,6 +29,7 @@ _BUILT: dict[type, tuple[str, ...]] = {
     InverseProblem: (
         *("mesh", "thickness", "energy", "actuation", "loss", "solver", "max_steps", "supports", "rest_lengths"),
     ),
+    States: ("states", "shared", "weights", "after"),
 }
 _ELEMENTARY = ("abs", "cos", "exp", "log", "sin", "sqrt", "square", "tanh")
 

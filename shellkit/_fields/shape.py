@@ -55,7 +55,7 @@ def material_fields(
         "von_mises": np.sqrt(np.maximum(trace**2 - 3 * np.linalg.det(stress), 0.0)),
         "energy_density": np.asarray(density_of(problem.energy, mesh, rest, vertices, directors)),
     }
-    layers = [np.asarray(angles) for angles in problem.actuation.director_fields()]
+    layers = [np.asarray(angles) for angles in problem.actuation.on(mesh).director_fields()]
     for name, angles in zip(layer_names(len(layers)), layers, strict=True):
         name = "director" if len(layers) == 1 else f"{name.replace(' ', '_')}_director"
         fields[name] = carried_directors(mesh, np.asarray(vertices), angles)

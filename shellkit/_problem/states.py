@@ -1,6 +1,6 @@
 """One design in several states: the same arrays under other stimuli, loads, supports and targets."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 import equinox as eqx
@@ -123,7 +123,7 @@ class States(eqx.Module):
     """
 
     shared: dict[str, Array]
-    states: dict[str, InverseProblem]
+    own: dict[str, InverseProblem]  # without what is shared
     weights: dict[str, Float[Array, ""]]
     names: tuple[str, ...] = eqx.field(static=True)
     after: tuple[tuple[str, str], ...] = eqx.field(static=True)
@@ -131,15 +131,16 @@ class States(eqx.Module):
     def __init__(
         self,
         states: Mapping[str, InverseProblem],
-        shared: Callable[[InverseProblem], PyTree],
+        shared: Callable[[InverseProblem], PyTree] | Iterable[str],
         weights: Mapping[str, float | Array] | None = None,
-        after: Mapping[str, str] | None = None,
+        after: Mapping[str, str] | Iterable[tuple[str, str]] | None = None,
     ):
         """**Arguments:**
 
         - `states`: the problems, by name.
         - `shared`: a function from a problem to the arrays, or parts, that all states have in common, as for the
-            `where` of [`shellkit.fit`][]. All states must have them with equal values.
+            `where` of [`shellkit.fit`][]; or their names, such as `["actuation.top.angle"]`. All states must have them
+            with equal values.
         - `weights`: of the losses, by name; 1 for those that are not named.
         - `after`: the states that are relaxed from the equilibrium of another, as in `{"cooled": "hot"}`; the others
             are relaxed from rest.
@@ -153,31 +154,41 @@ class States(eqx.Module):
             if not isinstance(state, InverseProblem):
                 raise ValueError(f"States: {name!r} is a {type(state).__name__}; give an InverseProblem.")
         self.names = tuple(states)
-        self.after = _in_order(self.names, dict(after or {}))
+        pairs = after.items() if isinstance(after, Mapping) else (after or ())
+        self.after = _in_order(self.names, {name: earlier for name, earlier in pairs if earlier})
         unknown = [name for name in (weights or {}) if name not in states]
         if unknown:
             raise ValueError(f"States: weights names {unknown[0]!r}, which is none of {', '.join(states)}.")
         self.weights = {name: jnp.asarray((weights or {}).get(name, 1.0), dtype=float) for name in self.names}
         first = self.names[0]
-        picked = selected(states[first], shared, "States.shared")
-        self.shared = {name: leaf for name, leaf in named_arrays(states[first]).items() if name in picked}
+        arrays = named_arrays(states[first])
+        picked = selected(states[first], shared, "States.shared") if callable(shared) else list(shared)
+        absent = [name for name in picked if name not in arrays]
+        if absent:
+            raise ValueError(f"States: {first!r} has no array {absent[0]}; it has {', '.join(arrays)}.")
+        self.shared = {name: leaf for name, leaf in arrays.items() if name in picked}
         for name, state in states.items():
             _check_shared(name, named_arrays(state), first, self.shared)
         blank = lambda path, leaf: None if path in self.shared else leaf
-        self.states = {name: _map_named(blank, state) for name, state in states.items()}
+        self.own = {name: _map_named(blank, state) for name, state in states.items()}
+
+    @property
+    def states(self) -> dict[str, InverseProblem]:
+        """The problem of each state, by name."""
+        return {name: self[name] for name in self.names}
 
     def __getitem__(self, name: str) -> InverseProblem:
-        if name not in self.states:
+        if name not in self.own:
             raise KeyError(f"there is no state {name!r}; there are {', '.join(self.names)}")
         filled = lambda path, leaf: self.shared.get(path, leaf)
-        return _map_named(filled, self.states[name])
+        return _map_named(filled, self.own[name])
 
     def __getattr__(self, name: str) -> Any:
         # Where a `where` looks for what is shared. All other arrays are absent: they belong to a single state.
         if name.startswith("_") or name not in InverseProblem.__dataclass_fields__:
             raise AttributeError(f"'States' has no attribute {name!r}; a single state is states['name'].")
         common = lambda path, leaf: self.shared.get(path, None if eqx.is_array(leaf) else leaf)
-        return getattr(_map_named(common, self.states[self.names[0]]), name)
+        return getattr(_map_named(common, self.own[self.names[0]]), name)
 
     def __call__(self, start: Equilibria | None = None) -> Equilibria:
         """Relax all states.
@@ -218,7 +229,7 @@ class States(eqx.Module):
     @property
     def needs_shape(self) -> bool:
         """Whether a loss looks at a relaxed shape."""
-        return any(state.needs_shape for state in self.states.values())
+        return any(state.needs_shape for state in self.own.values())
 
     def objective(self, start: Equilibria | None = None) -> tuple[Scalar, tuple[dict[str, Scalar], Equilibria]]:
         """The loss, with its terms by name of state and term, and the equilibria that they were measured at.
