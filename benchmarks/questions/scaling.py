@@ -1,0 +1,141 @@
+"""Scaling: time and memory of every part of a relaxation, from 642 to 163,842 vertices."""
+
+from collections.abc import Callable
+
+import jax.numpy as jnp
+import numpy as np
+
+import shellkit as sk
+from shellkit._energy import Assembly
+
+from .. import tables
+from ..case import Case, Row
+from ..measure import Stage, profile
+from ..problems import ending, relaxed, teacher
+
+
+# subdivisions of the icosahedron: memory that the case needs, in GB
+_SIZES = {3: 1.0, 4: 1.0, 5: 2.0, 6: 5.0, 7: 18.0}
+
+
+def cases(quick: bool) -> list[Case]:
+    return [
+        Case(
+            f"icosphere-{level} {what}",
+            "questions.scaling",
+            {"subdivisions": level, "what": what, "runs": max(1, 12 // 2 ** (level - 3))},
+            needs_gb=needs_gb,
+            limit_s=1800.0,
+        )
+        for level, needs_gb in _SIZES.items()
+        for what in ("parts", "relaxation")
+        if level < 5 or not quick
+    ]
+
+
+def measure(subdivisions: int, what: str, runs: int) -> dict:
+    """The tutorial's teacher on an icosphere: its `"parts"` one by one, or the whole `"relaxation"`; in two processes,
+    so that each has its own memory."""
+    mesh = sk.meshes.icosphere(subdivisions)
+    with Stage() as construction:
+        problem = teacher(mesh)
+    figures = _parts(problem, runs) if what == "parts" else _relaxation(problem, runs)
+    return figures | {
+        "n_vertices": mesh.n_vertices,
+        "n_faces": mesh.n_faces,
+        "nonzeros": problem.assembly.pattern.nnz,
+        "problem_mb": construction.megabytes,
+    }
+
+
+def _parts(problem: sk.InverseProblem, runs: int) -> dict:
+    mesh, y = problem.mesh, problem.mesh.vertices.reshape(-1)
+    with Stage() as connectivity:
+        sk.Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+    with Stage() as numbering:
+        Assembly.of(problem.energy, mesh)
+    hessian, assembly = profile(lambda problem, y: problem.discrete_energy().hessian(y), problem, y, runs=runs)
+    # A small shift takes the place of what Newton does about the rigid motions.
+    solver = sk.SparseNewton().linear_solver
+    factor, factorisation = profile(solver.factorise, hessian.shifted(1e-6), runs=runs)
+    _, solve = profile(solver.solve, factor, jnp.sin(jnp.arange(y.size)), runs=runs)
+    return {
+        "solver": type(solver).__name__,
+        "connectivity_s": connectivity.seconds,
+        "numbering_s": numbering.seconds,
+        "assembly": assembly,
+        "factorisation": factorisation,
+        "solve": solve,
+    }
+
+
+def _relaxation(problem: sk.InverseProblem, runs: int) -> dict:
+    equilibrium, relaxation = profile(relaxed, problem, runs=runs)
+    return relaxation | ending(equilibrium)
+
+
+_PARTS: dict[str, Callable[[Row], float]] = {
+    "connectivity of the mesh": lambda row: row["connectivity_s"],
+    "numbering and sparsity": lambda row: row["numbering_s"],
+    "analysis": lambda row: row["factorisation"]["first_s"] - row["factorisation"]["median_s"],
+    "Hessian": lambda row: row["assembly"]["median_s"],
+    "factorisation": lambda row: row["factorisation"]["median_s"],
+    "solve": lambda row: row["solve"]["median_s"],
+}
+
+
+_FACTS: tuple[tuple[str, str, Callable[[float], str]], ...] = (
+    ("steps", "steps", str),
+    ("factorisations", "factorisations", str),
+    ("&#124;∇E&#124; at the end", "force_norm", tables.small),
+    ("compilation", "compile_s", tables.seconds),
+)
+
+
+def memory(row: Row) -> float:
+    """What a relaxation needs at its peak, and the problem itself, in MB."""
+    return row["run_mb"] + row["problem_mb"]
+
+
+def times(rows: list[Row]) -> dict[str, tuple[list[int], list[float]]]:
+    """For every part, and for the relaxation as a whole, the numbers of vertices and the seconds."""
+    parts, wholes = _done(rows, "parts"), _done(rows, "relaxation")
+    vertices = [row["n_vertices"] for row in parts]
+    found = {name: (vertices, [part(row) for row in parts]) for name, part in _PARTS.items()}
+    return found | {"relaxation": ([row["n_vertices"] for row in wholes], [row["median_s"] for row in wholes])}
+
+
+def page(rows: list[Row]) -> str:
+    wholes = _done(rows, "relaxation")
+    sizes = sorted({row["n_vertices"] for row in rows if not tables.missing(row)})
+    lines = [_line(name, sizes, *series, tables.seconds) for name, series in times(rows).items()]
+    vertices = [row["n_vertices"] for row in wholes]
+    lines.append(_line("memory", sizes, vertices, [memory(row) for row in wholes], tables.megabytes))
+    for name, key, show in _FACTS:
+        lines.append([*_line(name, sizes, vertices, [row[key] for row in wholes], show)[:-1], ""])
+    absent = [f"- {row['label']}: {tables.missing(row)}" for row in rows if tables.missing(row)]
+    head = ["", *(f"{size:,} vertices" for size in sizes), "exponent"]
+    return "\n\n".join([_INTRODUCTION, tables.table(head, lines), "\n".join(absent)])
+
+
+def _done(rows: list[Row], what: str) -> list[Row]:
+    return [row for row in rows if row["case"]["what"] == what and not tables.missing(row)]
+
+
+def _line(
+    name: str, sizes: list[int], vertices: list[int], values: list[float], show: Callable[[float], str]
+) -> list[str]:
+    """A line of the table: a value for each size there is one for, and the exponent of the best power of the size."""
+    known = dict(zip(vertices, values, strict=True))
+    exponent = ""
+    if len(known) > 1 and min(values) > 0:
+        exponent = f"{np.polyfit(np.log(vertices), np.log(values), 1)[0]:.2f}"
+    return [name, *(show(known[size]) if size in known else "" for size in sizes), exponent]
+
+
+_INTRODUCTION = """\
+The tutorial's teacher (λ = 1.1, orthogonal layers: the sphere buckles) on icospheres. The mesh's connectivity, the
+numbering of unknowns and non-zeros, and the symbolic analysis are done once; the Hessian, its factorisation and a solve
+once a step or so. The relaxation is the whole of `problem()` from rest, without compilation and analysis. Memory is the
+peak of a relaxation, problem and factor included, beyond what imports and compilation left. The exponent p fits
+(vertices)ᵖ."""

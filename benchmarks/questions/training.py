@@ -1,0 +1,173 @@
+"""Training: the loss against relaxations and against seconds, for Adam, L-BFGS and Levenberg–Marquardt."""
+
+import time
+from typing import Any, NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import optax
+import optimistix as optx
+
+import shellkit as sk
+
+from .. import tables
+from ..case import Case, Row
+from ..problems import bilayer, design_problem, director_angles, teacher
+from ..tutorial import THICKNESS
+
+
+class Scene(NamedTuple):
+    """What is trained on a mesh."""
+
+    mesh: str
+    name: str
+    steps: dict[str, int]
+
+
+_OPTIMISERS = {"adam": "Adam", "lbfgs": "L-BFGS", "levenberg": "Levenberg–Marquardt"}
+SCENES = {
+    "teacher": Scene("icosphere-1", "Teacher, 42 vertices", {"adam": 200, "lbfgs": 60, "levenberg": 30}),
+    "ellipsoid": Scene("icosphere-3", "Ellipsoid, 642 vertices", {"adam": 100, "lbfgs": 40, "levenberg": 20}),
+    "suzanne": Scene("suzanne", "Suzanne to a sphere, 1400 vertices", {"adam": 200, "lbfgs": 100, "levenberg": 60}),
+}
+_PARTS = (0.5, 0.9, 1.0)
+
+
+def cases(quick: bool) -> list[Case]:
+    return [
+        Case(
+            f"{scene} {optimiser}",
+            "questions.training",
+            {
+                "mesh": "icosphere-1" if quick else SCENES[scene].mesh,
+                "scene": scene,
+                "optimiser": optimiser,
+                "steps": 5 if quick else SCENES[scene].steps[optimiser],
+                "limit_s": 20.0 if quick else 180.0,
+            },
+        )
+        for scene in SCENES
+        for optimiser in _OPTIMISERS
+        # The head is no head on a sphere.
+        if not (quick and scene == "suzanne")
+    ]
+
+
+_COUNT = [0]
+
+
+def _count() -> None:
+    _COUNT[0] += 1
+
+
+class _Counted(eqx.Module):
+    """A problem that counts its relaxations as they run, those of line searches included."""
+
+    inner: sk.InverseProblem
+
+    def objective(self, start: Any = None):
+        jax.debug.callback(_count)
+        return self.inner.objective(start)
+
+    def residuals(self, equilibrium: Any):
+        return self.inner.residuals(equilibrium)
+
+
+def _problem(scene: str, mesh: sk.Mesh) -> sk.InverseProblem:
+    if scene == "ellipsoid":
+        return design_problem(mesh, "ellipsoid", 1.1, "zero")
+    if scene == "suzanne":
+        problem = design_problem(mesh, "sphericity", 1.5, "zero", form="tan")
+        return eqx.tree_at(lambda p: p.solver, problem, sk.SparseNewton(max_steps=40))
+    target = teacher(mesh)().vertices
+    blank = jnp.zeros(mesh.n_faces)
+    return sk.InverseProblem(
+        mesh=mesh,
+        thickness=THICKNESS,
+        energy=sk.StVenantKirchhoff(1.0, 1.0) + sk.Bending(1.0, 1.0),
+        actuation=bilayer(blank, blank, 1.1),
+        loss=sk.VertexDistance(target, aligner=sk.Kabsch()),
+    )
+
+
+def _optimiser(name: str, scene: str, steps: int) -> Any:
+    def adam() -> optax.GradientTransformation:
+        if scene != "suzanne":
+            return optax.adam(0.1)
+        # As in examples/suzanne.py, which says why.
+        rate = optax.cosine_decay_schedule(0.15, steps, alpha=0.02)
+        return optax.chain(optax.clip_by_global_norm(0.004), optax.adam(rate, b2=0.99))
+
+    return {"adam": adam, "lbfgs": optax.lbfgs, "levenberg": lambda: optx.LevenbergMarquardt(rtol=1e-6, atol=1e-9)}[
+        name
+    ]()
+
+
+def measure(mesh: str, scene: str, optimiser: str, steps: int, limit_s: float) -> dict:
+    """Relaxations, seconds and the loss at each step of a fit, after one that compiles what it needs. A step that ends
+    beyond the limit is the last."""
+    problem, method = _Counted(_problem(scene, sk.Mesh.read(mesh))), _optimiser(optimiser, scene, steps)
+    options = {"where": lambda p: director_angles(p.inner), "progress": False}
+    if scene == "suzanne":  # as in the example
+        max_rise = 2.0 if optimiser == "levenberg" else None
+        options |= {"warm_start": "last", "max_rise": max_rise, "check_every": 1000}
+    start = time.perf_counter()
+    sk.fit(problem, method, steps=2, **options)
+    first_s = time.perf_counter() - start
+
+    jax.effects_barrier()
+    _COUNT[0] = 0
+    trace, begun = [], time.perf_counter()
+
+    def note(step: sk.FitStep) -> bool:
+        jax.effects_barrier()
+        seconds = time.perf_counter() - begun
+        trace.append({"step": step.step, "relaxations": _COUNT[0], "seconds": seconds, "loss": step.loss})
+        return seconds > limit_s
+
+    result = sk.fit(problem, method, steps=steps, callbacks=[note], **options)
+    return {"first_s": first_s, "trace": trace, "stopped": result.stopped, "best_loss": result.best_loss}
+
+
+def page(rows: list[Row]) -> str:
+    sections = [_INTRODUCTION]
+    for key, scene in SCENES.items():
+        here = [row for row in rows if row["case"]["scene"] == key]
+        if here:
+            sections.append(f"### {scene.name}\n\n{_table(here)}")
+    return "\n\n".join(sections)
+
+
+_INTRODUCTION = """\
+From all director angles at zero. Times are without compilation; relaxations are those of line searches and of refused
+steps, too. A level is part of the way from the loss at the start to the loss that Adam ends with: the first relaxation,
+and time, at which a method is there. The sphere is relaxed from rest in every step, with Adam at the rate of 0.1;
+Suzanne with the tutorial's loss, trained as in `examples/suzanne.py`: form `tan`, each relaxation from the last
+equilibrium, Adam's gradient clipped and its rate falling from 0.15, and Levenberg and Marquardt allowed to climb to
+three times the loss."""
+
+
+def _table(rows: list[Row]) -> str:
+    levels = [f"{100 * part:.0f} % of Adam's descent" for part in _PARTS]
+    head = ("", *levels, "loss at the end", "steps", "relaxations", "time", "compilation and first step")
+    adam = next((row for row in rows if row["case"]["optimiser"] == "adam" and not tables.missing(row)), None)
+
+    def cells(row: Row) -> list[str]:
+        trace = row["trace"]
+        return [
+            *("" if adam is None else _reached(trace, adam["trace"]["loss"], part) for part in _PARTS),
+            f"{min(trace['loss']):.3g}",
+            str(trace["step"][-1]),
+            str(trace["relaxations"][-1]),
+            tables.seconds(trace["seconds"][-1]),
+            tables.seconds(row["first_s"]),
+        ]
+
+    return tables.of_rows(head, rows, lambda row: [_OPTIMISERS[row["case"]["optimiser"]]], cells)
+
+
+def _reached(trace: dict[str, list], adam: list[float], part: float) -> str:
+    level = adam[0] - part * (adam[0] - min(adam))
+    found = next((i for i, loss in enumerate(trace["loss"]) if loss <= level * (1 + 1e-9)), None)
+    return "never" if found is None else f"{trace['relaxations'][found]}, {tables.seconds(trace['seconds'][found])}"
