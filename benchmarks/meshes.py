@@ -27,10 +27,8 @@ def file(name: str) -> Path:
     kind, _, level = name.partition("-")
     if kind == "icosphere":
         mesh = sk.meshes.icosphere(subdivisions=int(level))
-    elif kind == "sheet":
-        mesh = sheet(level[0], (int(level[1:]), int(level[1:])))
     else:
-        mesh = sk.Mesh.read(SUZANNE)
+        mesh = sk.Mesh.read(SUZANNE) if kind == "suzanne" else sheet(level[0], (int(level[1:]), int(level[1:])))
     turn = jnp.argmin(mesh.faces, axis=1)[:, None] + jnp.arange(3)
     path = _folder() / f"{name}.obj"
     sk.Mesh(mesh.vertices, jnp.take_along_axis(mesh.faces, turn % 3, axis=1)).write(path)

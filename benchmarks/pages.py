@@ -12,21 +12,17 @@ from .conditions import ROOT
 from .questions import module
 
 
-def page_of(name: str) -> str:
-    """The page of a benchmark, after its curves if they are drawn, and what it was measured on."""
+def page_of(name: str, part: str = "page") -> str:
+    """The page of a benchmark or another part of it, after its curves if they are drawn, and its conditions."""
     rows = results.load(name)
     if not rows:
         return f"*Not measured yet: `python -m benchmarks {name}`.*"
     drawn = sorted(path.name for path in (ROOT / "docs/assets").glob(f"benchmark_{name}*.svg"))
-    pictures = [f"![Curves of the tables below](assets/{curves})" for curves in drawn]
-    # The cards say it of each.
-    conditions = [] if name == "cards" else [tables.conditions(rows)]
-    return "\n\n".join([*pictures, module(name).page(rows).strip(), *conditions])
-
-
-def overview_of(name: str) -> str:
-    """A benchmark as it stands in the README."""
-    return module(name).overview(results.load(name))
+    pictures = [f"![Curves of the tables below](assets/{curves})" for curves in drawn if part == "page"]
+    text = getattr(module(name), part)(rows).strip()
+    # The cards and the README say where and when in their own way.
+    conditions = [tables.conditions(rows)] if part == "page" and name != "cards" else []
+    return "\n\n".join([*pictures, text, *conditions])
 
 
 _PERFORMANCE = (
@@ -43,9 +39,18 @@ _PERFORMANCE = (
     "surface_losses",
 )
 PAGES: dict[str, dict[str, Callable[[], str]]] = {
-    "README.md": {"figures": partial(overview_of, "design_step"), "waiting": partial(overview_of, "whole_job")},
+    "README.md": {
+        "figures": partial(page_of, "design_step", "overview"),
+        "waiting": partial(page_of, "whole_job", "overview"),
+    },
     "docs/performance.md": {name: partial(page_of, name) for name in _PERFORMANCE},
-    "docs/accuracy.md": {name: partial(page_of, name) for name in ("precision", "accuracy")},
+    "docs/accuracy.md": {
+        "precision": partial(page_of, "precision"),
+        "accuracy": partial(page_of, "accuracy"),
+        "mesh": partial(page_of, "accuracy", "of_mesh"),
+        "relaxation": partial(page_of, "accuracy", "of_relaxation"),
+        "gradient": partial(page_of, "accuracy", "of_gradient"),
+    },
     "docs/validation.md": {"validation": partial(page_of, "cards")},
     "docs/stability.md": {"stability": partial(page_of, "hard_cases")},
 }

@@ -47,9 +47,12 @@ class Scene(eqx.Module):
     loss: str = eqx.field(static=True)
     max_steps: int = eqx.field(static=True)
     tolerance: float = eqx.field(static=True)
+    moduli: tuple[float, float, float] = eqx.field(static=True)  # thickness, alpha and beta
 
     @classmethod
-    def read(cls, path: str, loss: str, stretch: float, max_steps: int, tolerance: float) -> "Scene":
+    def read(
+        cls, path: str, loss: str, stretch: float, max_steps: int, tolerance: float, moduli=(THICKNESS, 1.0, 1.0)
+    ) -> "Scene":
         file = TriMesh.read_obj(path, dim=3)
         mesh = HeMesh.from_triangles(len(file.vertices), file.faces)
         if not jnp.array_equal(mesh.faces, file.faces):
@@ -57,7 +60,7 @@ class Scene(eqx.Module):
         vertices = jnp.asarray(file.vertices)
         metric = elastic.get_metric(vertices, mesh)
         curvature = elastic.get_second_fundamental_form(vertices, mesh)
-        return cls(mesh, vertices, metric, curvature, jnp.asarray(stretch), loss, max_steps, tolerance)
+        return cls(mesh, vertices, metric, curvature, jnp.asarray(stretch), loss, max_steps, tolerance, moduli)
 
     def layer(self, angle: jax.Array) -> jax.Array:
         """The metric that a nematic layer would like to have."""
@@ -74,20 +77,18 @@ class Scene(eqx.Module):
         return (top + bottom) / 2, self.curvature + 0.75 / THICKNESS * (top - bottom)
 
     def energy(self, vertices: jax.Array, rest: tuple[jax.Array, jax.Array]) -> jax.Array:
-        metric, curvature = rest
-        stretching = (
-            elastic.get_neo_hookean_energy if self.loss == "sphericity" else elastic.get_st_venant_kirchhoff_energy
-        )
-        return THICKNESS / 4 * stretching(vertices, (self.mesh, metric, 1.0, 1.0)) + THICKNESS**3 / 12 * (
-            elastic.get_svk_bending_energy(vertices, (self.mesh, metric, curvature, 1.0, 1.0))
-        )
+        (thickness, *moduli), (metric, curvature) = self.moduli, rest
+        neo_hookean = self.loss == "sphericity"
+        stretching = elastic.get_neo_hookean_energy if neo_hookean else elastic.get_st_venant_kirchhoff_energy
+        bending = elastic.get_svk_bending_energy(vertices, (self.mesh, metric, curvature, *moduli))
+        return thickness / 4 * stretching(vertices, (self.mesh, metric, *moduli)) + thickness**3 / 12 * bending
 
-    def relax(self, angles: tuple[jax.Array, jax.Array], adjoint: str) -> optx.Solution:
+    def relax(self, rest: tuple[jax.Array, jax.Array], adjoint: str) -> optx.Solution:
         return optx.minimise(
             self.energy,
             optx.NonlinearCG(rtol=self.tolerance, atol=self.tolerance),
             self.vertices,
-            self.rest(angles),
+            rest,
             max_steps=self.max_steps,
             adjoint=_ADJOINTS[adjoint],
             tags=frozenset({lx.positive_semidefinite_tag}) if adjoint == "cg" else frozenset(),
@@ -115,16 +116,12 @@ class Scene(eqx.Module):
         return self.sphericity(vertices) + FOLDS * elastic.get_dihedral_bending_energy(vertices, (self.mesh, 0.0, 1.0))
 
 
-def _forward(scene: Scene, angles: tuple[jax.Array, jax.Array]) -> jax.Array:
-    return scene.relax(angles, "dense").value
-
-
 def design_step(adjoint: str, scene: Scene, angles: tuple[jax.Array, jax.Array]):
     def loss(angles):
-        solution = scene.relax(angles, adjoint)
+        solution = scene.relax(scene.rest(angles), adjoint)
         smoothness = sum(map(scene.smoothness, angles))
         value = scene.misfit(solution.value) + SMOOTHNESS_OF[scene.loss] * smoothness
-        return value, (solution.value, solution.stats["num_steps"], solution.result == optx.RESULTS.successful)
+        return value, _told(solution)
 
     return jax.value_and_grad(loss, has_aux=True)(angles)
 
@@ -143,65 +140,32 @@ def measure(
     """The design step on the mesh in a file; with `forward`, the relaxation alone as well."""
     scene = Scene.read(mesh, loss, stretch, max_steps, tolerance)
     angles = fields(field, scene.mesh.n_faces)
-    ((value, (vertices, steps, converged)), gradient), record = profile(
-        partial(design_step, adjoint), scene, angles, runs=runs
-    )
-    force = jax.grad(scene.energy)(vertices, scene.rest(angles))
-    record |= {
-        "steps": int(steps),
-        "converged": bool(converged),
-        "energy": float(scene.energy(vertices, scene.rest(angles))),
-        "force_norm": float(jnp.linalg.norm(force)),
-        "force_max": float(jnp.max(jnp.abs(force))),
-        "value": float(value),
-        "shape_probes": shape_probes(vertices),
-        "gradient_probes": gradient_probes(gradient),
-    }
+    ((value, solution), gradient), record = profile(partial(design_step, adjoint), scene, angles, runs=runs)
+    record |= _ending(scene, scene.rest(angles), *solution)
+    record |= {"value": float(value), "gradient_probes": gradient_probes(gradient)}
     if forward:
-        record["forward"] = profile(_forward, scene, angles, runs=runs)[1]
+        alone = lambda scene, angles: scene.relax(scene.rest(angles), "dense").value
+        record["forward"] = profile(alone, scene, angles, runs=runs)[1]
     return record
-
-
-class _Roll(eqx.Module):
-    mesh: HeMesh
-    vertices: jax.Array
-    metric: jax.Array
-    curvature: jax.Array
-    max_steps: int = eqx.field(static=True)
-
-    def energy(self, vertices: jax.Array, _: None = None) -> jax.Array:
-        stretching = elastic.get_st_venant_kirchhoff_energy(vertices, (self.mesh, self.metric, ROLL_ALPHA, ROLL_BETA))
-        bending = elastic.get_svk_bending_energy(
-            vertices, (self.mesh, self.metric, self.curvature, ROLL_ALPHA, ROLL_BETA)
-        )
-        return ROLL_THICKNESS / 4 * stretching + ROLL_THICKNESS**3 / 12 * bending
-
-    def relax(self) -> tuple[jax.Array, jax.Array, jax.Array]:
-        solution = optx.minimise(
-            self.energy,
-            optx.NonlinearCG(rtol=TOLERANCE, atol=TOLERANCE),
-            self.vertices,
-            max_steps=self.max_steps,
-            throw=False,
-        )
-        return solution.value, solution.stats["num_steps"], solution.result == optx.RESULTS.successful
 
 
 def roll(mesh: str, max_steps: int, runs: int) -> dict:
     """The relaxation from the flat square, in triangulax's own basis of each face."""
-    file = TriMesh.read_obj(mesh, dim=3)
-    half_edges = HeMesh.from_triangles(len(file.vertices), file.faces)
-    vertices = jnp.asarray(file.vertices)
-    faces = jnp.asarray(half_edges.faces)
-    scene = _Roll(
-        half_edges, vertices, elastic.get_metric(vertices, half_edges), roll_curvature(vertices, faces), max_steps
-    )
-    (shape, steps, converged), record = profile(lambda scene: scene.relax(), scene, runs=runs)
-    return record | {
+    scene = Scene.read(mesh, "roll", 1.0, max_steps, TOLERANCE, (ROLL_THICKNESS, ROLL_ALPHA, ROLL_BETA))
+    rest = scene.metric, roll_curvature(scene.vertices, jnp.asarray(scene.mesh.faces))
+    solution, record = profile(lambda scene, rest: _told(scene.relax(rest, "dense")), scene, rest, runs=runs)
+    return record | _ending(scene, rest, *solution) | {"exact_probes": shape_probes(rolled(scene.vertices))}
+
+
+def _told(solution: optx.Solution) -> tuple[jax.Array, jax.Array, jax.Array]:
+    return solution.value, solution.stats["num_steps"], solution.result == optx.RESULTS.successful
+
+
+def _ending(scene: Scene, rest: tuple[jax.Array, jax.Array], vertices: jax.Array, steps, converged) -> dict:
+    return {
         "steps": int(steps),
         "converged": bool(converged),
-        "energy": float(scene.energy(shape)),
-        "force_norm": float(jnp.linalg.norm(jax.grad(scene.energy)(shape))),
-        "shape_probes": shape_probes(shape),
-        "exact_probes": shape_probes(rolled(vertices)),
+        "energy": float(scene.energy(vertices, rest)),
+        "force_norm": float(jnp.linalg.norm(jax.grad(scene.energy)(vertices, rest))),
+        "shape_probes": shape_probes(vertices),
     }

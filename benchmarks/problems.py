@@ -1,12 +1,15 @@
 """The design problems of `benchmarks.tutorial`, in shellkit."""
 
+from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 import shellkit as sk
 
+from .measure import repeat
 from .tutorial import (
     FOLDS,
     ROLL_ALPHA,
@@ -91,3 +94,11 @@ def ending(equilibrium: sk.Equilibrium) -> dict[str, Any]:
         "energy": float(equilibrium.energy),
         "force_norm": float(equilibrium.gradient_norm),
     }
+
+
+def kernels(problem: sk.InverseProblem, functions: dict[str, Callable], runs: int) -> dict[str, Any]:
+    """Functions of the energy and the unknowns, compiled and timed one by one at a deformed shape."""
+    rest = problem.assembly.restrict(problem.assembly.join(problem.mesh.vertices, None))
+    y = rest + 0.01 * np.random.default_rng(0).standard_normal(rest.shape)
+    energy = problem.discrete_energy()
+    return {"kernels": {name: repeat(jax.jit(function), energy, y, runs=runs) for name, function in functions.items()}}

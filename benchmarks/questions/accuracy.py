@@ -230,27 +230,27 @@ def claims(rows: list[Row]) -> list[str]:
 
 
 def page(rows: list[Row]) -> str:
-    reasons = [f"{row['label']}: {reason}" for row in rows if (reason := tables.missing(row))]
-    return "\n\n".join(
-        [
-            "\n".join(f"- {line}" for line in claims(rows)),
-            "### Of a mesh\n\n" + _MESHES,
-            _table(curves(rows, "mesh"), ("mesh", "bending, minimiser", "cells"), _of_a_mesh),
-            "### Of a relaxation\n\n" + _SOLVERS,
-            _table(curves(rows, "solver"), ("", "tolerance"), _of_a_method),
-            "### Of a gradient\n\n" + _GRADIENTS_PAGE,
-            _table(curves(rows, "gradient"), ("", "tolerance, step or number of steps"), _of_a_method),
-            *(["Not measured: " + "; ".join(reasons) + "."] if reasons else []),
-        ]
-    )
+    absent = [f"Not measured: {row['label']}: {tables.missing(row)}." for row in rows if tables.missing(row)]
+    return "\n".join(f"- {line}" for line in claims(rows) + absent)
 
 
-def _of_a_mesh(method: str, row: Row) -> list[str]:
-    kind, _, bending = method.partition(" ")
-    return [kind, bending, str(cells_of(row))]
+def of_mesh(rows: list[Row]) -> str:
+    """The table of all meshes."""
+    names = lambda method, row: [*method.split(maxsplit=1), str(cells_of(row))]
+    return _table(curves(rows, "mesh"), ("mesh", "bending, minimiser", "cells"), names)
 
 
-def _of_a_method(method: str, row: Row) -> list[str]:
+def of_relaxation(rows: list[Row]) -> str:
+    """The table of all minimisers."""
+    return _table(curves(rows, "solver"), ("", "tolerance"), _by_parameter)
+
+
+def of_gradient(rows: list[Row]) -> str:
+    """The table of all ways to a gradient."""
+    return _table(curves(rows, "gradient"), ("", "tolerance, step or number of steps"), _by_parameter)
+
+
+def _by_parameter(method: str, row: Row) -> list[str]:
     return [method, f"{float(row['label'].split()[-1]):g}"]
 
 
@@ -262,19 +262,3 @@ def _table(found: dict[str, list[Row]], head: tuple[str, ...], names: Callable[[
             cells = [tables.small(row["error"]), tables.seconds(seconds_of(row)), steps, tables.short_commit(row)]
             lines.append([*names(method, row), *cells])
     return tables.table((*head, "error", "time", "steps", "commit"), lines)
-
-
-_MESHES = """\
-A unit square, h = 0.02, E = 1, ν = 0.3, that would like to roll up into a cylinder about an axis 30° askew to its
-edges, from flat. The error is the largest difference between 64 distances of vertices and those on the cylinder.
-triangulax, and its minimiser in shellkit, at the tutorial's tolerance of 1e-9."""
-_SOLVERS = """\
-The ellipsoid problem at random directors, 642 vertices, λ = 1.1: error of the relaxed shape, the largest difference
-between 64 distances of vertices and those of SparseNewton at its tightest. What is called a tolerance means something
-else for each minimiser."""
-_GRADIENTS_PAGE = """\
-The gradient of the ellipsoid problem's loss in all 160 director angles, 42 vertices: relative error along 16 random
-directions, against the implicit gradient at the tightest tolerance. Differences are central and take 320 relaxations;
-unrolled is differentiated through so many steps of nonlinear conjugate gradients. *None*: the relaxation stopped too
-far from equilibrium for the equation of the adjoint to be solved, and the gradient is not a number rather than a wrong
-one."""

@@ -113,19 +113,8 @@ def page(rows: list[Row]) -> str:
             here = {row["label"].split()[2]: row for row in rows if row["label"].split()[:2] == [mesh, field]}
             if here:
                 sections.append(f"### {scene.title}, director field {field}\n\n{_table(here)}")
-    return "\n\n".join([_INTRODUCTION, *sections])
+    return "\n\n".join(sections)
 
-
-_INTRODUCTION = """\
-A design step is the loss and its gradient in all director angles, through the relaxation from rest, as in the tutorial
-of triangulax: ellipsoid and Suzanne, thickness 0.1. *As published* is `NonlinearCG(rtol=1e-9, atol=1e-9)` with
-optimistix's own adjoint, which builds the Hessian as a dense matrix; *CG adjoint* solves the adjoint system by
-conjugate gradients, without a matrix. PARDISO runs on one thread unless the environment says otherwise, the rest of
-shellkit on two, as triangulax does. Times are medians (fastest–slowest), without compilation; the first run of
-shellkit holds the symbolic factorisation. |∇E| is the Euclidean norm where the relaxation ended, and the energy is
-counted from the lowest that any found. Memory is what running, and before it compiling, add at their peaks. The last
-columns compare with shellkit: the largest difference in the distances of 64 pairs of vertices (the unit is the
-radius), the relative error of the loss's gradient, and the time of a design step."""
 
 _HEAD = ("", "design step", "relaxation alone", "first run", "compilation", "steps", "factorisations")
 _HEAD += ("&#124;∇E&#124;", "E − lowest", "memory to run", "to compile", "shape off by", "gradient off by")

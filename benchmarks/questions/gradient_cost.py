@@ -74,12 +74,4 @@ def page(rows: list[Row]) -> str:
             tables.megabytes(max(0.0, row["angles"]["run_mb"] - row["forward"]["run_mb"])),
         ]
 
-    return f"{_INTRODUCTION}\n\n{tables.of_rows(head, rows, lambda row: [row['case']['mesh']], cells)}"
-
-
-_INTRODUCTION = """\
-The gradient of the tutorial's losses goes through the relaxation by one solve with the Hessian at the minimum: with its
-own factor up to 3000 unknowns, and beyond by conjugate gradients with the factor that the relaxation left, five to
-eight sweeps, unless those are too many. Random directors; ellipsoid at λ = 1.1, and Suzanne (sphericity, neo-Hookean,
-`form="tan"`) at λ = 1.5. *All of the physics* is every array of actuation, energy and thickness at once. What comes *on
-top* is the time of value and gradient less that of the value, medians, without compilation."""
+    return tables.of_rows(head, rows, lambda row: [row["case"]["mesh"]], cells)

@@ -1,12 +1,10 @@
 """Many director fields on one head: whether each relaxation from rest reaches full tolerance, and in how many steps."""
 
 import statistics
-import time
 from collections import Counter
 from collections.abc import Iterator
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
@@ -15,7 +13,8 @@ import shellkit as sk
 
 from .. import results, tables
 from ..case import Case, Row
-from ..problems import bilayer, design_problem, director_angles
+from ..measure import timed
+from ..problems import bilayer, design_problem, director_angles, ending
 
 
 _KINDS = {
@@ -42,22 +41,13 @@ def cases(quick: bool) -> list[Case]:
 def measure(mesh: str, kind: str, form: str, count: int) -> dict:
     """How each relaxation ends, at `count` fields of a kind."""
     problem = design_problem(sk.Mesh.read(mesh), "sphericity", _STRETCH, "zero", form)
-    jax.block_until_ready(problem())  # compiled
-    return {"fields": [_relaxed(field) for field in _FIELDS[kind](problem, count)]}
-
-
-def _relaxed(problem: sk.InverseProblem) -> dict:
-    start = time.perf_counter()
-    found = jax.block_until_ready(problem())
-    return {
-        "seconds": time.perf_counter() - start,
-        "converged": bool(found.converged),
-        "stable": bool(found.stable),
-        "result": sk.RESULTS[found.result],
-        "steps": int(found.steps),
-        "factorisations": int(found.factorisations),
-        "force_norm": float(found.gradient_norm),
-    }
+    timed(problem, runs=1)  # compiled
+    fields = []
+    for field in _FIELDS[kind](problem, count):
+        found, record = timed(field, runs=1)
+        ended = {"stable": bool(found.stable), "result": sk.RESULTS[found.result]}
+        fields.append({"seconds": record["run_s"][0]} | ending(found) | ended)
+    return {"fields": fields}
 
 
 def _random(problem: sk.InverseProblem, count: int) -> Iterator[sk.InverseProblem]:
@@ -73,16 +63,8 @@ def _along_training(problem: sk.InverseProblem, count: int) -> list[sk.InversePr
     keep = lambda step: met.append(step.problem) if step.step % 2 == 0 else None
     rate = optax.cosine_decay_schedule(0.15, steps, alpha=0.02)
     optimiser = optax.chain(optax.clip_by_global_norm(0.004), optax.adam(rate, b2=0.99))
-    sk.fit(
-        problem,
-        optimiser,
-        steps=steps,
-        where=director_angles,
-        callbacks=[keep],
-        progress=False,
-        warm_start="last",
-        max_rise=0.1,
-    )
+    options = {"progress": False, "warm_start": "last", "max_rise": 0.1}
+    sk.fit(problem, optimiser, steps=steps, where=director_angles, callbacks=[keep], **options)
     return met
 
 
@@ -134,10 +116,4 @@ def page(rows: list[Row]) -> str:
         ]
 
     names = lambda row: [_KINDS[row["case"]["kind"]], f"`{row['case']['form']}`"]
-    return f"{_INTRODUCTION}\n\n{tables.of_rows(head, rows, names, cells)}"
-
-
-_INTRODUCTION = """\
-Suzanne, 1400 vertices, neo-Hookean, thickness 0.1, λ = 1.5, every relaxation from rest. The fields along the training
-run are those of every second step of 100 of Adam (rate 0.15, falling), towards a sphere. Medians;
-&#124;∇E&#124; is the Euclidean norm where the relaxation ended."""
+    return tables.of_rows(head, rows, names, cells)

@@ -139,15 +139,7 @@ def page(rows: list[Row]) -> str:
     for mesh in dict.fromkeys(row["case"]["mesh"] for row in rows):
         here = [row for row in rows if row["case"]["mesh"] == mesh]
         sections.append(f"### A sphere of {_SIZES.get(mesh, mesh)}\n\n{_table(here)}")
-    return "\n\n".join([_INTRODUCTION, *sections])
-
-
-_INTRODUCTION = """\
-A sphere that grows unevenly (1.1 ± 0.05), with a loss that is aligned to its target, and what each part of a scene adds
-to that or takes away. *Non-zeros* are those of the upper half of the Hessian. *Derivatives* are energy, gradient and
-Hessian in one call; the factorisation is of that Hessian, its symbolic analysis done before. The relaxation is the
-whole of `problem()` from rest; the gradient is that of the loss in the growth (or the angles) of every face, relaxation
-included. In brackets: the time over that of the second line."""
+    return "\n\n".join(sections)
 
 
 _PARTS = {

@@ -121,14 +121,7 @@ def page(rows: list[Row]) -> str:
         here = [row for row in rows if row["case"]["mesh"] == mesh]
         if here:
             sections.append(f"### {scene.name}, {scene.details}\n\n{_table(here)}")
-    return "\n\n".join([_INTRODUCTION, *sections])
-
-
-_INTRODUCTION = """\
-Every minimiser starts at rest and goes on, with no tolerance, to where rounding stops it, or for 20 s. Times until the
-Euclidean norm of ∇E first falls below a bound, medians of three descents, without compilation; *end* is the smallest
-force met, and how far the shape there is from the minimum (largest vertex distance after alignment; the unit is the
-radius)."""
+    return "\n\n".join(sections)
 
 
 def _table(rows: list[Row]) -> str:

@@ -39,17 +39,11 @@ def measure(subdivisions: int, what: str, runs: int) -> dict:
     mesh = sk.meshes.icosphere(subdivisions)
     with Stage() as construction:
         problem = teacher(mesh)
-    figures = _parts(problem, runs) if what == "parts" else _relaxation(problem, runs)
-    return figures | {
-        "n_vertices": mesh.n_vertices,
-        "n_faces": mesh.n_faces,
-        "nonzeros": problem.assembly.pattern.nnz,
-        "problem_mb": construction.megabytes,
-    }
-
-
-def _parts(problem: sk.InverseProblem, runs: int) -> dict:
-    mesh, y = problem.mesh, problem.mesh.vertices.reshape(-1)
+    figures = {"n_vertices": mesh.n_vertices, "n_faces": mesh.n_faces, "problem_mb": construction.megabytes}
+    if what == "relaxation":
+        equilibrium, relaxation = profile(relaxed, problem, runs=runs)
+        return figures | relaxation | ending(equilibrium)
+    y = mesh.vertices.reshape(-1)
     with Stage() as connectivity:
         sk.Mesh(np.asarray(mesh.vertices), np.asarray(mesh.faces))
     with Stage() as numbering:
@@ -58,22 +52,16 @@ def _parts(problem: sk.InverseProblem, runs: int) -> dict:
     # A small shift takes the place of what Newton does about the rigid motions.
     solver = sk.SparseNewton().linear_solver
     factor, factorisation = profile(solver.factorise, hessian.shifted(1e-6), runs=runs)
-    _, solve = profile(solver.solve, factor, jnp.sin(jnp.arange(y.size)), runs=runs)
-    return {
-        "solver": type(solver).__name__,
+    solve = profile(solver.solve, factor, jnp.sin(jnp.arange(y.size)), runs=runs)[1]
+    figures |= {
         "connectivity_s": connectivity.seconds,
         "numbering_s": numbering.seconds,
-        "assembly": assembly,
-        "factorisation": factorisation,
-        "solve": solve,
+        "solver": type(solver).__name__,
     }
+    return figures | {"assembly": assembly, "factorisation": factorisation, "solve": solve}
 
 
-def _relaxation(problem: sk.InverseProblem, runs: int) -> dict:
-    equilibrium, relaxation = profile(relaxed, problem, runs=runs)
-    return relaxation | ending(equilibrium)
-
-
+# Seconds of a row of parts, by their names.
 _PARTS: dict[str, Callable[[Row], float]] = {
     "connectivity of the mesh": lambda row: row["connectivity_s"],
     "numbering and sparsity": lambda row: row["numbering_s"],
@@ -82,14 +70,6 @@ _PARTS: dict[str, Callable[[Row], float]] = {
     "factorisation": lambda row: row["factorisation"]["median_s"],
     "solve": lambda row: row["solve"]["median_s"],
 }
-
-
-_FACTS: tuple[tuple[str, str, Callable[[float], str]], ...] = (
-    ("steps", "steps", str),
-    ("factorisations", "factorisations", str),
-    ("&#124;∇E&#124; at the end", "force_norm", tables.small),
-    ("compilation", "compile_s", tables.seconds),
-)
 
 
 def memory(row: Row) -> float:
@@ -107,35 +87,28 @@ def times(rows: list[Row]) -> dict[str, tuple[list[int], list[float]]]:
 
 def page(rows: list[Row]) -> str:
     wholes = _done(rows, "relaxation")
-    sizes = sorted({row["n_vertices"] for row in rows if not tables.missing(row)})
-    lines = [_line(name, sizes, *series, tables.seconds) for name, series in times(rows).items()]
     vertices = [row["n_vertices"] for row in wholes]
-    lines.append(_line("memory", sizes, vertices, [memory(row) for row in wholes], tables.megabytes))
-    for name, key, show in _FACTS:
-        lines.append([*_line(name, sizes, vertices, [row[key] for row in wholes], show)[:-1], ""])
+    sizes = sorted({row["n_vertices"] for row in rows if not tables.missing(row)})
+
+    def line(name: str, vertices: list[int], values: list[float], show: Callable[[float], str], fit: bool = True):
+        """A value for each size there is one for, and the exponent of the best power of the size."""
+        known = dict(zip(vertices, values, strict=True))
+        fit = fit and len(known) > 1 and min(values) > 0
+        exponent = f"{np.polyfit(np.log(vertices), np.log(values), 1)[0]:.2f}" if fit else ""
+        return [name, *(show(known[size]) if size in known else "" for size in sizes), exponent]
+
+    def fact(name: str, key: str, show: Callable[[float], str]) -> list[str]:
+        return line(name, vertices, [row[key] for row in wholes], show, fit=False)
+
+    lines = [line(name, *series, tables.seconds) for name, series in times(rows).items()]
+    lines.append(line("memory", vertices, [memory(row) for row in wholes], tables.megabytes))
+    lines += [fact("steps", "steps", str), fact("factorisations", "factorisations", str)]
+    lines += [fact("&#124;∇E&#124; at the end", "force_norm", tables.small)]
+    lines += [fact("compilation", "compile_s", tables.seconds)]
     absent = [f"- {row['label']}: {tables.missing(row)}" for row in rows if tables.missing(row)]
     head = ["", *(f"{size:,} vertices" for size in sizes), "exponent"]
-    return "\n\n".join([_INTRODUCTION, tables.table(head, lines), "\n".join(absent)])
+    return "\n\n".join([tables.table(head, lines), "\n".join(absent)])
 
 
 def _done(rows: list[Row], what: str) -> list[Row]:
     return [row for row in rows if row["case"]["what"] == what and not tables.missing(row)]
-
-
-def _line(
-    name: str, sizes: list[int], vertices: list[int], values: list[float], show: Callable[[float], str]
-) -> list[str]:
-    """A line of the table: a value for each size there is one for, and the exponent of the best power of the size."""
-    known = dict(zip(vertices, values, strict=True))
-    exponent = ""
-    if len(known) > 1 and min(values) > 0:
-        exponent = f"{np.polyfit(np.log(vertices), np.log(values), 1)[0]:.2f}"
-    return [name, *(show(known[size]) if size in known else "" for size in sizes), exponent]
-
-
-_INTRODUCTION = """\
-The tutorial's teacher (λ = 1.1, orthogonal layers: the sphere buckles) on icospheres. The mesh's connectivity, the
-numbering of unknowns and non-zeros, and the symbolic analysis are done once; the Hessian, its factorisation and a solve
-once a step or so. The relaxation is the whole of `problem()` from rest, without compilation and analysis. Memory is the
-peak of a relaxation, problem and factor included, beyond what imports and compilation left. The exponent p fits
-(vertices)ᵖ."""

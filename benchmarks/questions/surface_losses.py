@@ -58,9 +58,4 @@ def page(rows: list[Row]) -> str:
         return [faces, tables.span(record), first, tables.megabytes(record["run_mb"]), compilation]
 
     names = lambda row: [row["case"]["loss"], "ICP" if row["case"]["icp"] else "none"]
-    return f"{_INTRODUCTION}\n\n{tables.of_rows(head, rows, names, cells)}"
-
-
-_INTRODUCTION = """\
-A sphere against an ellipsoid, a little turned, of unrelated triangles: value and gradient in the vertices, without any
-relaxation, as given and with the alignment by `ICP` that is the default."""
+    return tables.of_rows(head, rows, names, cells)

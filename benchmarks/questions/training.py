@@ -14,7 +14,6 @@ import shellkit as sk
 from .. import tables
 from ..case import Case, Row
 from ..problems import bilayer, design_problem, director_angles, teacher
-from ..tutorial import THICKNESS
 
 
 class Scene(NamedTuple):
@@ -78,30 +77,22 @@ def _problem(scene: str, mesh: sk.Mesh) -> sk.InverseProblem:
     if scene == "ellipsoid":
         return design_problem(mesh, "ellipsoid", 1.1, "zero")
     if scene == "suzanne":
-        problem = design_problem(mesh, "sphericity", 1.5, "zero", form="tan")
-        return eqx.tree_at(lambda p: p.solver, problem, sk.SparseNewton(max_steps=40))
-    target = teacher(mesh)().vertices
-    blank = jnp.zeros(mesh.n_faces)
-    return sk.InverseProblem(
-        mesh=mesh,
-        thickness=THICKNESS,
-        energy=sk.StVenantKirchhoff(1.0, 1.0) + sk.Bending(1.0, 1.0),
-        actuation=bilayer(blank, blank, 1.1),
-        loss=sk.VertexDistance(target, aligner=sk.Kabsch()),
-    )
+        return design_problem(mesh, "sphericity", 1.5, "zero", form="tan", solver=sk.SparseNewton(max_steps=40))
+    problem, blank = teacher(mesh), jnp.zeros(mesh.n_faces)
+    loss = sk.VertexDistance(problem().vertices, aligner=sk.Kabsch())
+    return eqx.tree_at(lambda p: p.actuation, teacher(mesh, loss), bilayer(blank, blank, 1.1))
 
 
 def _optimiser(name: str, scene: str, steps: int) -> Any:
-    def adam() -> optax.GradientTransformation:
-        if scene != "suzanne":
-            return optax.adam(0.1)
-        # As in examples/suzanne.py, which says why.
-        rate = optax.cosine_decay_schedule(0.15, steps, alpha=0.02)
-        return optax.chain(optax.clip_by_global_norm(0.004), optax.adam(rate, b2=0.99))
-
-    return {"adam": adam, "lbfgs": optax.lbfgs, "levenberg": lambda: optx.LevenbergMarquardt(rtol=1e-6, atol=1e-9)}[
-        name
-    ]()
+    if name == "levenberg":
+        return optx.LevenbergMarquardt(rtol=1e-6, atol=1e-9)
+    if name == "lbfgs":
+        return optax.lbfgs()
+    if scene != "suzanne":
+        return optax.adam(0.1)
+    # As in examples/suzanne.py, which says why.
+    rate = optax.cosine_decay_schedule(0.15, steps, alpha=0.02)
+    return optax.chain(optax.clip_by_global_norm(0.004), optax.adam(rate, b2=0.99))
 
 
 def measure(mesh: str, scene: str, optimiser: str, steps: int, limit_s: float) -> dict:
@@ -131,21 +122,12 @@ def measure(mesh: str, scene: str, optimiser: str, steps: int, limit_s: float) -
 
 
 def page(rows: list[Row]) -> str:
-    sections = [_INTRODUCTION]
+    sections = []
     for key, scene in SCENES.items():
         here = [row for row in rows if row["case"]["scene"] == key]
         if here:
             sections.append(f"### {scene.name}\n\n{_table(here)}")
     return "\n\n".join(sections)
-
-
-_INTRODUCTION = """\
-From all director angles at zero. Times are without compilation; relaxations are those of line searches and of refused
-steps, too. A level is part of the way from the loss at the start to the loss that Adam ends with: the first relaxation,
-and time, at which a method is there. The sphere is relaxed from rest in every step, with Adam at the rate of 0.1;
-Suzanne with the tutorial's loss, trained as in `examples/suzanne.py`: form `tan`, each relaxation from the last
-equilibrium, Adam's gradient clipped and its rate falling from 0.15, and Levenberg and Marquardt allowed to climb to
-three times the loss."""
 
 
 def _table(rows: list[Row]) -> str:

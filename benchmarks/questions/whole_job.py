@@ -95,16 +95,10 @@ def _seconds(row: Row) -> list[str]:
 
 
 def page(rows: list[Row]) -> str:
-    return f"{_INTRODUCTION}\n\n{table(rows)}"
+    return table(rows)
 
 
 def overview(rows: list[Row]) -> str:
     """The table of the README."""
     machines = ", ".join(dict.fromkeys(row["machine"]["cpu"] for row in rows))
     return f"{table(rows)}\n\n*{machines}; {tables.days(rows)}, {tables.commits(rows)}; medians of three.*"
-
-
-_INTRODUCTION = """\
-Whole processes, one after another: seconds after Python was started, medians of three. The first row compiles
-everything; *cache of an earlier run* has JAX's persistent cache, as the examples do. The peer's design step contains
-its relaxation, so that its final shape comes with the last step."""
