@@ -47,30 +47,31 @@ def legend_below(axis: plt.Axes) -> None:
     axis.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
 
 
+def _done(rows: list[Row], **case: str) -> list[Row]:
+    """The rows that have figures and these arguments."""
+    return [row for row in rows if not tables.missing(row) and case.items() <= row["case"].items()]
+
+
 def _scaling(rows: list[Row]) -> plt.Figure:
     figure, (left, right) = plt.subplots(1, 2, figsize=(8, 3.4), width_ratios=(3, 2))
     for name, (vertices, seconds) in scaling.times(rows).items():
-        whole = name == "relaxation"
-        look = {"color": "k", "marker": "o", "lw": 2.5} if whole else {}
+        look = {"color": "k", "marker": "o", "lw": 2.5} if name == "relaxation" else {}
         left.loglog(vertices, seconds, label=name, **look)
     left.set(xlabel="vertices", ylabel="seconds", title="time")
     legend_below(left)
-    wholes = [row for row in rows if row["case"]["what"] == "relaxation" and not tables.missing(row)]
+    wholes = _done(rows, what="relaxation")
     right.loglog([row["n_vertices"] for row in wholes], [scaling.memory(row) for row in wholes], "k-o")
     right.set(xlabel="vertices", ylabel="MB", title="memory of a relaxation")
     return figure
 
 
 def _relaxation(rows: list[Row]) -> plt.Figure:
-    meshes = list(dict.fromkeys(row["case"]["mesh"] for row in rows if not tables.missing(row)))
+    meshes = list(dict.fromkeys(row["case"]["mesh"] for row in _done(rows)))
     figure, axes = plt.subplots(2, len(meshes), figsize=(3.2 * len(meshes), 5), squeeze=False, sharey="row")
     for column, mesh in zip(axes.T, meshes, strict=True):
-        for row in rows:
-            if row["case"]["mesh"] != mesh or tables.missing(row):
-                continue
-            trace = row["trace"]
+        for row in _done(rows, mesh=mesh):
             for axis, quantity in zip(column, ("force", "distance"), strict=True):
-                axis.loglog(trace["seconds"], trace[quantity], "-", label=row["case"]["minimiser"])
+                axis.loglog(row["trace"]["seconds"], row["trace"][quantity], "-", label=row["case"]["minimiser"])
         column[0].set_title(relaxation.SCENES[mesh].name)
         column[1].set_xlabel("seconds")
     axes[0, 0].set_ylabel("|∇E|")
@@ -81,29 +82,18 @@ def _relaxation(rows: list[Row]) -> plt.Figure:
 
 def _training(scene: str, rows: list[Row]) -> plt.Figure:
     figure, axes = plt.subplots(1, 2, figsize=(8, 3.2), sharey=True)
-    for row in rows:
-        if row["case"]["scene"] != scene or tables.missing(row):
-            continue
-        for axis, quantity in zip(axes, ("relaxations", "seconds"), strict=True):
+    for axis, quantity in zip(axes, ("relaxations", "seconds"), strict=True):
+        for row in _done(rows, scene=scene):
             axis.semilogy(row["trace"][quantity], row["trace"]["loss"], "-", label=row["case"]["optimiser"])
-            axis.set_xlabel(quantity)
+        axis.set_xlabel(quantity)
     axes[0].set_ylabel("loss")
     legend_below(axes[0])
     figure.suptitle(training.SCENES[scene].name, fontsize=9)
     return figure
 
 
-_COLOURS = {
-    "SparseNewton": "C0",
-    "implicit": "C0",
-    "NonlinearCG": "C4",
-    "differences": "C1",
-    "LBFGS": "C2",
-    "unrolled": "C2",
-    "triangulax": "C7",
-    "triangulax dense": "C7",
-    "triangulax cg": "0.7",
-}
+_COLOURS = {"SparseNewton": "C0", "implicit": "C0", "NonlinearCG": "C4", "differences": "C1", "LBFGS": "C2"}
+_COLOURS |= {"unrolled": "C2", "triangulax": "C7", "triangulax dense": "C7", "triangulax cg": "0.7"}
 
 
 def _accuracy(rows: list[Row]) -> plt.Figure:

@@ -1,6 +1,7 @@
 """Tables in Markdown, and how numbers stand in them."""
 
 from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 from .case import Row
 
@@ -24,6 +25,27 @@ def of_rows(
         line = [*names(row), *([f"*{reason}*"] if reason else cells(row))]
         lines.append(line + [""] * (len(head) - len(line)))
     return table(head, lines)
+
+
+def sections(titles: dict[str, str], rows: list[Row], key: str, content: Callable[[list[Row]], str]) -> str:
+    """A section for each title whose rows there are: those with that argument of their case."""
+    groups = {name: [row for row in rows if row["case"][key] == name] for name in titles}
+    return "\n\n".join(f"### {titles[name]}\n\n{content(here)}" for name, here in groups.items() if here)
+
+
+def show(row: Row, *keys: str) -> list[str]:
+    """Figures of a row, each in the unit that its name tells; empty where the row has none."""
+    return [_shown(key, row[key]) if key in row else "" for key in keys]
+
+
+def _shown(key: str, value: Any) -> str:
+    if key.endswith("_s"):
+        return seconds(value)
+    if key.endswith("_mb"):
+        return megabytes(value)
+    if key.endswith(("error", "force_norm")):
+        return small(value)
+    return f"{value:,}" if key.startswith("n_") else str(value)
 
 
 def missing(row: Row) -> str | None:

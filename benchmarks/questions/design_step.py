@@ -81,17 +81,9 @@ def measure(mesh: str, loss: str, stretch: float, field: str, form: str, runs: i
     problem = design_problem(sk.Mesh.read(mesh), loss, stretch, field, form)
     ((value, equilibrium), gradient), record = profile(_design_step, problem, runs=runs)
     force = jax.grad(problem.total_energy)(equilibrium.vertices)
-    return (
-        record
-        | ending(equilibrium)
-        | {
-            "force_norm": float(jnp.linalg.norm(force)),
-            "value": float(value),
-            "shape_probes": shape_probes(equilibrium.vertices),
-            "gradient_probes": gradient_probes(gradient),
-            "forward": profile(lambda problem: problem().vertices, problem, runs=runs)[1],
-        }
-    )
+    record |= ending(equilibrium) | {"force_norm": float(jnp.linalg.norm(force)), "value": float(value)}
+    probes = {"shape_probes": shape_probes(equilibrium.vertices), "gradient_probes": gradient_probes(gradient)}
+    return record | probes | {"forward": profile(lambda problem: problem().vertices, problem, runs=runs)[1]}
 
 
 def summary(row: Row, raw: dict[str, Row]) -> Row:
@@ -131,20 +123,10 @@ def _table(here: dict[str, Row]) -> str:
         # The peer's relaxation is the same with either adjoint, and was measured once.
         forward = row.get("forward") or done.get("triangulax-cg", {}).get("forward")
         own = row["energy"] if name == "shellkit-tan" else lowest
-        return [
-            tables.span(row),
-            tables.span(forward) if forward else "",
-            tables.seconds(row["first_s"]),
-            tables.seconds(row["compile_s"]),
-            tables.steps(row),
-            str(row.get("factorisations", "")),
-            tables.small(row["force_norm"]),
-            tables.small(row["energy"] - own),
-            tables.megabytes(row["run_mb"]),
-            tables.megabytes(row["compile_mb"]),
-            *(tables.small(row[error]) if error in row else "" for error in ("shape_error", "gradient_error")),
-            _ratio(row, ours) if ours and row is not ours else "",
-        ]
+        times = [tables.span(row), tables.span(forward) if forward else "", *tables.show(row, "first_s", "compile_s")]
+        ends = [tables.steps(row), *tables.show(row, "factorisations", "force_norm"), tables.small(row["energy"] - own)]
+        others = tables.show(row, "run_mb", "compile_mb", "shape_error", "gradient_error")
+        return [*times, *ends, *others, _ratio(row, ours) if row is not ours else ""]
 
     known = [here[name] for name in _LIBRARIES if name in here]
     return tables.of_rows(_HEAD, known, lambda row: [_LIBRARIES[row["label"].split()[2]]], cells)
@@ -187,4 +169,4 @@ def _ratio(row: Row | None, ours: Row | None) -> str:
 
 
 def _force(row: Row | None) -> str:
-    return "" if row is None or tables.missing(row) else tables.small(row["force_norm"])
+    return "" if row is None else tables.show(row, "force_norm")[0]

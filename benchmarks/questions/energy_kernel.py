@@ -53,6 +53,6 @@ def page(rows: list[Row]) -> str:
     def cells(row: Row) -> list[str]:
         times = [row["kernels"][name]["median_s"] for name in _KERNELS]
         per_face = [f"{1e6 * time / row['n_faces']:.2f}" for time in (times[-1], row["kernels"]["all"]["span_s"][0])]
-        return [f"{row['n_vertices']:,}", *map(tables.seconds, times), *per_face]
+        return [*tables.show(row, "n_vertices"), *map(tables.seconds, times), *per_face]
 
     return tables.of_rows(head, rows, lambda row: [_TITLES[row["case"]["energy"]]], cells)

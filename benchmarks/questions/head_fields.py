@@ -1,5 +1,6 @@
 """Many director fields on one head: whether each relaxation from rest reaches full tolerance, and in how many steps."""
 
+import itertools
 import statistics
 from collections import Counter
 from collections.abc import Iterator
@@ -26,16 +27,12 @@ _STRETCH = 1.5
 
 
 def cases(quick: bool) -> list[Case]:
-    return [
-        Case(
-            f"{kind} {form}",
-            "questions.head_fields",
-            {"mesh": "suzanne", "kind": kind, "form": form, "count": 1 if kind == "orthogonal" else 3 if quick else 50},
-            limit_s=1800.0,
-        )
-        for kind in _KINDS
-        for form in ("tan", "sin")
-    ]
+    found = []
+    for kind, form in itertools.product(_KINDS, ("tan", "sin")):
+        arguments = {"mesh": "suzanne", "kind": kind, "form": form}
+        arguments["count"] = 1 if kind == "orthogonal" else 3 if quick else 50
+        found.append(Case(f"{kind} {form}", "questions.head_fields", arguments, limit_s=1800.0))
+    return found
 
 
 def measure(mesh: str, kind: str, form: str, count: int) -> dict:
@@ -107,13 +104,9 @@ def page(rows: list[Row]) -> str:
 
     def cells(row: Row) -> list[str]:
         counts = [row.get(name) for name in ("steps", "factorisations")]
-        return [
-            *(str(row[name]) for name in ("tried", "converged", "stable")),
-            "; ".join(row["others"]) or "–",
-            *(f"{count['median']:g}, at most {count['most']}" if count else "" for count in counts),
-            tables.small(row["force_norm"]) if "force_norm" in row else "",
-            tables.seconds(row["median_s"]),
-        ]
+        shown = [f"{count['median']:g}, at most {count['most']}" if count else "" for count in counts]
+        ended = [*tables.show(row, "tried", "converged", "stable"), "; ".join(row["others"]) or "–"]
+        return [*ended, *shown, *tables.show(row, "force_norm", "median_s")]
 
     names = lambda row: [_KINDS[row["case"]["kind"]], f"`{row['case']['form']}`"]
     return tables.of_rows(head, rows, names, cells)

@@ -18,17 +18,13 @@ _NAMES = {"cpu": "processor", "cuda": "GPU"}
 def cases(quick: bool) -> list[Case]:
     def case(platform: str, solver: str | None, level: int) -> Case:
         arguments = {"subdivisions": level, "solver": solver, "runs": 20 if solver is None else 3}
-        label = f"{platform} {solver or 'kernels'}-{level}"
-        return Case(
-            label, "questions.platforms", arguments, platform=platform, limit_s=900.0 if solver is None else 150.0
-        )
+        label, limit_s = f"{platform} {solver or 'kernels'}-{level}", 900.0 if solver is None else 150.0
+        return Case(label, "questions.platforms", arguments, platform=platform, limit_s=limit_s)
 
+    pairs = [(platform, name) for platform, names in _SOLVERS.items() for name in names]
     levels = (3, 4) if quick else (3, 4, 5, 6)
     small = [case(platform, None, level) for platform in _SOLVERS for level in ((3,) if quick else (3, 5, 7))]
-    relaxations = [
-        case(platform, name, level) for platform, names in _SOLVERS.items() for name in names for level in levels
-    ]
-    return small + [found for found in relaxations if not found.label.endswith("superlu-6")]
+    return small + [case(*pair, level) for pair in pairs for level in levels if pair[1] != "superlu" or level < 6]
 
 
 def measure(subdivisions: int, solver: str | None, runs: int) -> dict:
@@ -66,11 +62,11 @@ def page(rows: list[Row]) -> str:
 
 def _kernels(row: Row) -> list[str]:
     times = [row["kernels"][name]["median_s"] for name in ("gradient", "derivatives")]
-    return [f"{row['n_vertices']:,}", *map(tables.seconds, times), f"{1e6 * times[1] / row['n_faces']:.3g}"]
+    return [*tables.show(row, "n_vertices"), *map(tables.seconds, times), f"{1e6 * times[1] / row['n_faces']:.3g}"]
 
 
 def _relaxation(row: Row) -> list[str]:
-    time = tables.seconds(row["median_s"]) + ("" if row["converged"] else " (not converged)")
-    counts = [str(row["steps"]), str(row["factorisations"])]
-    force, compilation = tables.small(row["force_norm"]), tables.seconds(row["compile_s"])
-    return [f"{row['n_vertices']:,}", time, *counts, force, compilation]
+    vertices, time, *others = tables.show(
+        row, "n_vertices", "median_s", "steps", "factorisations", "force_norm", "compile_s"
+    )
+    return [vertices, time + ("" if row["converged"] else " (not converged)"), *others]

@@ -116,12 +116,8 @@ def _gauge(problem: sk.InverseProblem, minimum: sk.Equilibrium, y: jax.Array) ->
 
 
 def page(rows: list[Row]) -> str:
-    sections = []
-    for mesh, scene in SCENES.items():
-        here = [row for row in rows if row["case"]["mesh"] == mesh]
-        if here:
-            sections.append(f"### {scene.name}, {scene.details}\n\n{_table(here)}")
-    return "\n\n".join(sections)
+    titles = {mesh: f"{scene.name}, {scene.details}" for mesh, scene in SCENES.items()}
+    return tables.sections(titles, rows, "mesh", _table)
 
 
 def _table(rows: list[Row]) -> str:

@@ -90,21 +90,20 @@ def page(rows: list[Row]) -> str:
     vertices = [row["n_vertices"] for row in wholes]
     sizes = sorted({row["n_vertices"] for row in rows if not tables.missing(row)})
 
-    def line(name: str, vertices: list[int], values: list[float], show: Callable[[float], str], fit: bool = True):
+    def line(name: str, vertices: list[int], values: list[float], show: Callable[[float], str]) -> list[str]:
         """A value for each size there is one for, and the exponent of the best power of the size."""
         known = dict(zip(vertices, values, strict=True))
-        fit = fit and len(known) > 1 and min(values) > 0
+        fit = len(known) > 1 and min(values) > 0
         exponent = f"{np.polyfit(np.log(vertices), np.log(values), 1)[0]:.2f}" if fit else ""
         return [name, *(show(known[size]) if size in known else "" for size in sizes), exponent]
 
-    def fact(name: str, key: str, show: Callable[[float], str]) -> list[str]:
-        return line(name, vertices, [row[key] for row in wholes], show, fit=False)
-
     lines = [line(name, *series, tables.seconds) for name, series in times(rows).items()]
     lines.append(line("memory", vertices, [memory(row) for row in wholes], tables.megabytes))
-    lines += [fact("steps", "steps", str), fact("factorisations", "factorisations", str)]
-    lines += [fact("&#124;∇E&#124; at the end", "force_norm", tables.small)]
-    lines += [fact("compilation", "compile_s", tables.seconds)]
+    facts = ("steps", "steps"), ("factorisations", "factorisations")
+    facts += ("&#124;∇E&#124; at the end", "force_norm"), ("compilation", "compile_s")
+    for name, key in facts:
+        cells = {row["n_vertices"]: tables.show(row, key)[0] for row in wholes}
+        lines.append([name, *(cells.get(size, "") for size in sizes), ""])
     absent = [f"- {row['label']}: {tables.missing(row)}" for row in rows if tables.missing(row)]
     head = ["", *(f"{size:,} vertices" for size in sizes), "exponent"]
     return "\n\n".join([tables.table(head, lines), "\n".join(absent)])

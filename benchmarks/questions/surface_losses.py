@@ -52,10 +52,8 @@ def page(rows: list[Row]) -> str:
     head = ("loss", "alignment", "faces", "value and gradient", "first run", "memory to run", "compilation")
 
     def cells(row: Row) -> list[str]:
-        record = row["gradient"]
-        first, compilation = tables.seconds(record["first_s"]), tables.seconds(record["compile_s"])
-        faces = f"{row['n_faces'][0]:,} × {row['n_faces'][1]:,}"
-        return [faces, tables.span(record), first, tables.megabytes(record["run_mb"]), compilation]
+        record, faces = row["gradient"], "{:,} × {:,}".format(*row["n_faces"])
+        return [faces, tables.span(record), *tables.show(record, "first_s", "run_mb", "compile_s")]
 
     names = lambda row: [row["case"]["loss"], "ICP" if row["case"]["icp"] else "none"]
     return tables.of_rows(head, rows, names, cells)

@@ -1,6 +1,8 @@
 """Training: the loss against relaxations and against seconds, for Adam, L-BFGS and Levenberg–Marquardt."""
 
+import itertools
 import time
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -34,39 +36,24 @@ _PARTS = (0.5, 0.9, 1.0)
 
 
 def cases(quick: bool) -> list[Case]:
-    return [
-        Case(
-            f"{scene} {optimiser}",
-            "questions.training",
-            {
-                "mesh": "icosphere-1" if quick else SCENES[scene].mesh,
-                "scene": scene,
-                "optimiser": optimiser,
-                "steps": 5 if quick else SCENES[scene].steps[optimiser],
-                "limit_s": 20.0 if quick else 180.0,
-            },
-        )
-        for scene in SCENES
-        for optimiser in _OPTIMISERS
-        # The head is no head on a sphere.
-        if not (quick and scene == "suzanne")
-    ]
-
-
-_COUNT = [0]
-
-
-def _count() -> None:
-    _COUNT[0] += 1
+    found = []
+    # The head is no head on a sphere.
+    for (name, scene), optimiser in itertools.product(list(SCENES.items())[: 2 if quick else 3], _OPTIMISERS):
+        steps, limit_s = (5, 20.0) if quick else (scene.steps[optimiser], 180.0)
+        arguments = {"mesh": "icosphere-1" if quick else scene.mesh, "scene": name, "optimiser": optimiser}
+        arguments |= {"steps": steps, "limit_s": limit_s}
+        found.append(Case(f"{name} {optimiser}", "questions.training", arguments))
+    return found
 
 
 class _Counted(eqx.Module):
     """A problem that counts its relaxations as they run, those of line searches included."""
 
     inner: sk.InverseProblem
+    count: Callable[[], None] = eqx.field(static=True)
 
     def objective(self, start: Any = None):
-        jax.debug.callback(_count)
+        jax.debug.callback(self.count)
         return self.inner.objective(start)
 
     def residuals(self, equilibrium: Any):
@@ -98,7 +85,9 @@ def _optimiser(name: str, scene: str, steps: int) -> Any:
 def measure(mesh: str, scene: str, optimiser: str, steps: int, limit_s: float) -> dict:
     """Relaxations, seconds and the loss at each step of a fit, after one that compiles what it needs. A step that ends
     beyond the limit is the last."""
-    problem, method = _Counted(_problem(scene, sk.Mesh.read(mesh))), _optimiser(optimiser, scene, steps)
+    done = []  # an entry for each relaxation
+    problem = _Counted(_problem(scene, sk.Mesh.read(mesh)), lambda: done.append(None))
+    method = _optimiser(optimiser, scene, steps)
     options = {"where": lambda p: director_angles(p.inner), "progress": False}
     if scene == "suzanne":  # as in the example
         max_rise = 2.0 if optimiser == "levenberg" else None
@@ -108,13 +97,13 @@ def measure(mesh: str, scene: str, optimiser: str, steps: int, limit_s: float) -
     first_s = time.perf_counter() - start
 
     jax.effects_barrier()
-    _COUNT[0] = 0
+    done.clear()
     trace, begun = [], time.perf_counter()
 
     def note(step: sk.FitStep) -> bool:
         jax.effects_barrier()
         seconds = time.perf_counter() - begun
-        trace.append({"step": step.step, "relaxations": _COUNT[0], "seconds": seconds, "loss": step.loss})
+        trace.append({"step": step.step, "relaxations": len(done), "seconds": seconds, "loss": step.loss})
         return seconds > limit_s
 
     result = sk.fit(problem, method, steps=steps, callbacks=[note], **options)
@@ -122,12 +111,7 @@ def measure(mesh: str, scene: str, optimiser: str, steps: int, limit_s: float) -
 
 
 def page(rows: list[Row]) -> str:
-    sections = []
-    for key, scene in SCENES.items():
-        here = [row for row in rows if row["case"]["scene"] == key]
-        if here:
-            sections.append(f"### {scene.name}\n\n{_table(here)}")
-    return "\n\n".join(sections)
+    return tables.sections({key: scene.name for key, scene in SCENES.items()}, rows, "scene", _table)
 
 
 def _table(rows: list[Row]) -> str:
@@ -137,14 +121,10 @@ def _table(rows: list[Row]) -> str:
 
     def cells(row: Row) -> list[str]:
         trace = row["trace"]
-        return [
-            *("" if adam is None else _reached(trace, adam["trace"]["loss"], part) for part in _PARTS),
-            f"{min(trace['loss']):.3g}",
-            str(trace["step"][-1]),
-            str(trace["relaxations"][-1]),
-            tables.seconds(trace["seconds"][-1]),
-            tables.seconds(row["first_s"]),
-        ]
+        reached = ["" if adam is None else _reached(trace, adam["trace"]["loss"], part) for part in _PARTS]
+        counts = [str(trace[name][-1]) for name in ("step", "relaxations")]
+        times = [tables.seconds(trace["seconds"][-1]), *tables.show(row, "first_s")]
+        return [*reached, f"{min(trace['loss']):.3g}", *counts, *times]
 
     return tables.of_rows(head, rows, lambda row: [_OPTIMISERS[row["case"]["optimiser"]]], cells)
 
