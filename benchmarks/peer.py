@@ -84,16 +84,10 @@ class Scene(eqx.Module):
         return thickness / 4 * stretching(vertices, (self.mesh, metric, *moduli)) + thickness**3 / 12 * bending
 
     def relax(self, rest: tuple[jax.Array, jax.Array], adjoint: str) -> optx.Solution:
-        return optx.minimise(
-            self.energy,
-            optx.NonlinearCG(rtol=self.tolerance, atol=self.tolerance),
-            self.vertices,
-            rest,
-            max_steps=self.max_steps,
-            adjoint=_ADJOINTS[adjoint],
-            tags=frozenset({lx.positive_semidefinite_tag}) if adjoint == "cg" else frozenset(),
-            throw=False,
-        )
+        tags = frozenset({lx.positive_semidefinite_tag}) if adjoint == "cg" else frozenset()
+        method = optx.NonlinearCG(rtol=self.tolerance, atol=self.tolerance)
+        options = {"max_steps": self.max_steps, "adjoint": _ADJOINTS[adjoint], "tags": tags, "throw": False}
+        return optx.minimise(self.energy, method, self.vertices, rest, **options)
 
     def smoothness(self, angle: jax.Array) -> jax.Array:
         e1, e2 = geometry.get_face_tangent_basis(self.vertices, self.mesh)

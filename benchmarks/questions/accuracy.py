@@ -87,9 +87,8 @@ def _by(minimiser: str, tolerance: float, max_steps: int) -> dict[str, Any]:
 
 def measure(what: str, mesh: str, runs: int, **arguments: Any) -> dict:
     """One point of a figure: `"mesh"`, `"solver"` or `"gradient"`."""
-    return {"mesh": _of_mesh, "solver": _of_solver, "gradient": _of_gradient}[what](
-        sk.Mesh.read(mesh), runs, **arguments
-    )
+    part = {"mesh": _of_mesh, "solver": _of_solver, "gradient": _of_gradient}[what]
+    return part(sk.Mesh.read(mesh), runs, **arguments)
 
 
 def _of_mesh(mesh: sk.Mesh, runs: int, form: str, directors: str, minimiser: str) -> dict:
@@ -140,15 +139,9 @@ def _unrolled(steps: float, problem: sk.InverseProblem):
     def loss(angles):
         changed = eqx.tree_at(director_angles, problem, angles)
         energy = lambda vertices, moved: moved.total_energy(vertices)
-        found = optx.minimise(
-            energy,
-            optx.NonlinearCG(rtol=0.0, atol=0.0),
-            problem.mesh.vertices,
-            changed,
-            max_steps=int(steps),
-            adjoint=optx.RecursiveCheckpointAdjoint(),
-            throw=False,
-        )
+        options = {"max_steps": int(steps), "adjoint": optx.RecursiveCheckpointAdjoint(), "throw": False}
+        method = optx.NonlinearCG(rtol=0.0, atol=0.0)
+        found = optx.minimise(energy, method, problem.mesh.vertices, changed, **options)
         shape = eqx.tree_at(lambda e: e.vertices, changed.unrelaxed(), found.value)
         return problem.loss.evaluate(shape, changed.actuation)[0]
 

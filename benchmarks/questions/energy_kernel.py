@@ -1,5 +1,7 @@
 """Energy kernels: microseconds per face for energy, gradient and exact assembled Hessian, on one core."""
 
+import itertools
+
 import shellkit as sk
 
 from .. import tables
@@ -28,16 +30,11 @@ _KERNELS = {
 
 
 def cases(quick: bool) -> list[Case]:
-    return [
-        Case(
-            f"icosphere-{level} {energy}",
-            "questions.energy_kernel",
-            {"subdivisions": level, "energy": energy, "runs": 20 if quick else 100 // 2 ** (level - 3)},
-            threads=1,
-        )
-        for energy in _TITLES
-        for level in ((3,) if quick else (3, 4, 5))
-    ]
+    found = []
+    for energy, level in itertools.product(_ENERGIES, (3,) if quick else (3, 4, 5)):
+        arguments = {"subdivisions": level, "energy": energy, "runs": 20 if quick else 100 // 2 ** (level - 3)}
+        found.append(Case(f"icosphere-{level} {energy}", "questions.energy_kernel", arguments, threads=1))
+    return found
 
 
 def measure(subdivisions: int, energy: str, runs: int) -> dict:

@@ -9,7 +9,8 @@ import shellkit as sk
 
 from .. import tables
 from ..case import Case, Row
-from ..tutorial import ROLL_ALPHA, ROLL_BETA, roll_curvature
+from ..problems import rolling
+from ..tutorial import roll_curvature
 
 
 _THICKNESSES = (1e-1, 1e-2, 1e-3, 1e-4, 1e-5)
@@ -37,12 +38,7 @@ def measure() -> dict:
 
     rows = []
     for thickness in _THICKNESSES:
-        problem = sk.InverseProblem(
-            mesh=mesh,
-            thickness=thickness,
-            actuation=sk.Prescribed(curvature=curvature),
-            energy=sk.StVenantKirchhoff(ROLL_ALPHA, ROLL_BETA) + sk.Bending(ROLL_ALPHA, ROLL_BETA),
-        )
+        problem = rolling(mesh, thickness)
         equilibrium = problem(equilibrium)
         if not equilibrium.converged:
             raise RuntimeError(f"h = {thickness}: {sk.RESULTS[equilibrium.result]}")
@@ -55,15 +51,9 @@ def measure() -> dict:
         values = np.linalg.eigvalsh(exact[2])
         steps = [_step(gradient, hessian) for _, gradient, hessian in (exact, found)]
         off = lambda a, b: float(np.linalg.norm(np.asarray(a) - b) / np.linalg.norm(b))
-        rows.append(
-            {
-                "thickness": thickness,
-                "energy": off(found[0], exact[0]),
-                "force": off(found[1], exact[1]),
-                "step": off(steps[1], steps[0]),
-                "condition": float(np.abs(values).max() / np.sort(np.abs(values))[6]),
-            }
-        )
+        errors = {"energy": off(found[0], exact[0]), "force": off(found[1], exact[1]), "step": off(steps[1], steps[0])}
+        condition = float(np.abs(values).max() / np.sort(np.abs(values))[6])
+        rows.append({"thickness": thickness, **errors, "condition": condition})
     return {"thicknesses": rows}
 
 

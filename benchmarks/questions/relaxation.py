@@ -1,5 +1,6 @@
 """Relaxation: force and distance to the minimum against time, for SparseNewton and optimistix's minimisers."""
 
+import itertools
 import statistics
 from functools import partial
 from typing import Any, NamedTuple
@@ -44,24 +45,14 @@ _FORCES = (1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 
 
 def cases(quick: bool) -> list[Case]:
-    return [
-        Case(
-            f"{mesh} {minimiser}",
-            "questions.relaxation",
-            {
-                "mesh": mesh,
-                "field": scene.field,
-                "minimiser": minimiser,
-                "max_steps": 1000 if quick else 20_000,
-                "limit_s": 5.0 if quick else 20.0,
-                "runs": 1 if quick else 3,
-            },
-        )
-        for mesh, scene in SCENES.items()
-        for minimiser in _MINIMISERS
+    found, limits = [], {"max_steps": 20_000, "limit_s": 20.0, "runs": 3}
+    for (mesh, scene), minimiser in itertools.product(SCENES.items(), _MINIMISERS):
         # BFGS keeps a dense matrix.
-        if mesh == "icosphere-1" or (minimiser != "BFGS" and not quick)
-    ]
+        if mesh == "icosphere-1" or (minimiser != "BFGS" and not quick):
+            arguments = {"mesh": mesh, "field": scene.field, "minimiser": minimiser} | limits
+            arguments |= {"max_steps": 1000, "limit_s": 5.0, "runs": 1} if quick else {}
+            found.append(Case(f"{mesh} {minimiser}", "questions.relaxation", arguments))
+    return found
 
 
 @eqx.filter_jit
@@ -99,7 +90,7 @@ def measure(mesh: str, field: str, minimiser: str, max_steps: int, limit_s: floa
         jax.block_until_ready(descend(jnp.asarray(0)))
     trace, goal = [], 0
     while not trace or (trace[-1]["steps"] == goal < max_steps and trace[-1]["seconds"] < limit_s):
-        goal = max(goal + 1, int(1.35 * goal)) if trace else 0
+        goal = min(max(goal + 1, int(1.35 * goal)), max_steps) if trace else 0
         (y, steps), record = timed(descend, jnp.asarray(goal), runs=runs)
         seconds = statistics.median(record["run_s"])
         trace.append({"steps": int(steps), "seconds": seconds, **jax.tree.map(float, _gauge(problem, minimum, y))})

@@ -1,5 +1,6 @@
 """Scaling: time and memory of every part of a relaxation, from 642 to 163,842 vertices."""
 
+import itertools
 from collections.abc import Callable
 
 import jax.numpy as jnp
@@ -16,21 +17,16 @@ from ..problems import ending, relaxed, teacher
 
 # subdivisions of the icosahedron: memory that the case needs, in GB
 _SIZES = {3: 1.0, 4: 1.0, 5: 2.0, 6: 5.0, 7: 18.0}
+_WHAT = ("parts", "relaxation")
 
 
 def cases(quick: bool) -> list[Case]:
-    return [
-        Case(
-            f"icosphere-{level} {what}",
-            "questions.scaling",
-            {"subdivisions": level, "what": what, "runs": max(1, 12 // 2 ** (level - 3))},
-            needs_gb=needs_gb,
-            limit_s=1800.0,
-        )
-        for level, needs_gb in _SIZES.items()
-        for what in ("parts", "relaxation")
-        if level < 5 or not quick
-    ]
+    found = []
+    for (level, needs_gb), what in itertools.product(list(_SIZES.items())[: 2 if quick else None], _WHAT):
+        arguments = {"subdivisions": level, "what": what, "runs": max(1, 12 // 2 ** (level - 3))}
+        label = f"icosphere-{level} {what}"
+        found.append(Case(label, "questions.scaling", arguments, needs_gb=needs_gb, limit_s=1800.0))
+    return found
 
 
 def measure(subdivisions: int, what: str, runs: int) -> dict:

@@ -1,5 +1,7 @@
 """Losses between surfaces of different connectivity: value and gradient, with time and memory."""
 
+import itertools
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -17,16 +19,11 @@ _AXES, _TURN = (0.95, 0.95, 1.2), 0.2
 
 
 def cases(quick: bool) -> list[Case]:
-    return [
-        Case(
-            f"{loss}{', ICP' if icp else ''}",
-            "questions.surface_losses",
-            {"loss": loss, "icp": icp, "edge": 0.3 if quick else _EDGE, "runs": 3 if quick else 7},
-            needs_gb=2.0,
-        )
-        for loss in _LOSSES
-        for icp in (False, True)
-    ]
+    found = []
+    for loss, icp in itertools.product(_LOSSES, (False, True)):
+        arguments = {"loss": loss, "icp": icp, "edge": 0.3 if quick else _EDGE, "runs": 3 if quick else 7}
+        found.append(Case(f"{loss}{', ICP' if icp else ''}", "questions.surface_losses", arguments, needs_gb=2.0))
+    return found
 
 
 def measure(loss: str, icp: bool, edge: float, runs: int) -> dict:
