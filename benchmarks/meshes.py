@@ -22,13 +22,16 @@ def file(name: str) -> Path:
     jax.config.update("jax_enable_x64", True)
 
     import shellkit as sk
-    from validation.meshes import sheet
+    from validation.meshes import KINDS, sheet
 
     kind, _, level = name.partition("-")
     if kind == "icosphere":
         mesh = sk.meshes.icosphere(subdivisions=int(level))
+    elif kind == "sheet":
+        triangles, cells = next(kind for kind in KINDS if kind == level[0]), int(level[1:])
+        mesh = sheet(triangles, (cells, cells))
     else:
-        mesh = sk.Mesh.read(SUZANNE) if kind == "suzanne" else sheet(level[0], (int(level[1:]), int(level[1:])))
+        mesh = sk.Mesh.read(SUZANNE)
     turn = jnp.argmin(mesh.faces, axis=1)[:, None] + jnp.arange(3)
     path = _folder() / f"{name}.obj"
     sk.Mesh(mesh.vertices, jnp.take_along_axis(mesh.faces, turn % 3, axis=1)).write(path)

@@ -77,11 +77,11 @@ class Scene(eqx.Module):
         return (top + bottom) / 2, self.curvature + 0.75 / THICKNESS * (top - bottom)
 
     def energy(self, vertices: jax.Array, rest: tuple[jax.Array, jax.Array]) -> jax.Array:
-        (thickness, *moduli), (metric, curvature) = self.moduli, rest
+        (thickness, alpha, beta), (metric, curvature) = self.moduli, rest
         neo_hookean = self.loss == "sphericity"
         stretching = elastic.get_neo_hookean_energy if neo_hookean else elastic.get_st_venant_kirchhoff_energy
-        bending = elastic.get_svk_bending_energy(vertices, (self.mesh, metric, curvature, *moduli))
-        return thickness / 4 * stretching(vertices, (self.mesh, metric, *moduli)) + thickness**3 / 12 * bending
+        bending = elastic.get_svk_bending_energy(vertices, (self.mesh, metric, curvature, alpha, beta))
+        return thickness / 4 * stretching(vertices, (self.mesh, metric, alpha, beta)) + thickness**3 / 12 * bending
 
     def relax(self, rest: tuple[jax.Array, jax.Array], adjoint: str) -> optx.Solution:
         tags = frozenset({lx.positive_semidefinite_tag}) if adjoint == "cg" else frozenset()

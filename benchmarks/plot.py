@@ -5,6 +5,7 @@ import argparse
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 
@@ -27,7 +28,7 @@ from .questions.accuracy import curves, seconds_of
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#222222", "#7f7f7f")
 MARKERS = "os^vDPX*"
 
-STYLE = {
+STYLE: Any = {
     "axes.grid": True,
     "axes.prop_cycle": plt.cycler(color=COLOURS, marker=MARKERS),
     "axes.spines.right": False,
@@ -183,10 +184,10 @@ def main() -> None:
             if not rows:
                 print(f"{name}: no results yet, run python -m benchmarks {benchmark}")
             elif figure := draw(rows):
-                vector = name.endswith("svg")
-                metadata = {"Date": None} if vector else {"Software": None}
-                dpi = 80 if benchmark == "cards" else 90
-                figure.savefig(folder / name, metadata=metadata, **({} if vector else {"dpi": dpi}))
+                options: Any = {"metadata": {"Date": None}}
+                if name.endswith("png"):
+                    options = {"metadata": {"Software": None}, "dpi": 80 if benchmark == "cards" else 90}
+                figure.savefig(folder / name, **options)
                 plt.close(figure)
                 print(folder / name)
 

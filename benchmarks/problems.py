@@ -29,12 +29,12 @@ def bilayer(top: jax.Array, bottom: jax.Array, stretch: float) -> sk.Bilayer:
 
 def director_angles(problem: sk.InverseProblem) -> tuple[jax.Array, jax.Array]:
     """The arrays that a design step trains."""
-    assert isinstance(problem.actuation, sk.Bilayer)
-    return problem.actuation.top.angle, problem.actuation.bottom.angle
+    actuation: Any = problem.actuation
+    return actuation.top.angle, actuation.bottom.angle
 
 
 def design_problem(
-    mesh: sk.Mesh, loss: str, stretch: float, field: str, form: str = "sin", **relaxation: Any
+    mesh: sk.Mesh, loss: str, stretch: float, field: str, form: Any = "sin", **relaxation: Any
 ) -> sk.InverseProblem:
     """The ellipsoid or the sphericity problem on a mesh, at the director field of that name."""
     heads = loss == "sphericity"

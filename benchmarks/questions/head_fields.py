@@ -29,8 +29,8 @@ _STRETCH = 1.5
 def cases(quick: bool) -> list[Case]:
     found = []
     for kind, form in itertools.product(_KINDS, ("tan", "sin")):
-        arguments = {"mesh": "suzanne", "kind": kind, "form": form}
-        arguments["count"] = 1 if kind == "orthogonal" else 3 if quick else 50
+        count = 1 if kind == "orthogonal" else 3 if quick else 50
+        arguments = {"mesh": "suzanne", "kind": kind, "form": form, "count": count}
         found.append(Case(f"{kind} {form}", "questions.head_fields", arguments, limit_s=1800.0))
     return found
 

@@ -17,7 +17,7 @@ from shellkit._solve.null_space import held_still
 from .. import tables
 from ..case import Case, Row
 from ..measure import profile
-from ..problems import bilayer, ending, relaxed, to_ellipsoid
+from ..problems import bilayer, director_angles, ending, relaxed, to_ellipsoid
 from ..tutorial import THICKNESS
 
 
@@ -82,7 +82,7 @@ def build(name: str, mesh: sk.Mesh) -> sk.InverseProblem:
 def trained(problem: sk.InverseProblem) -> Any:
     """The arrays in which the loss is differentiated."""
     actuation: Any = problem.actuation
-    return (actuation.top.angle, actuation.bottom.angle) if isinstance(actuation, sk.Bilayer) else actuation.stretch
+    return director_angles(problem) if isinstance(problem.actuation, sk.Bilayer) else actuation.stretch
 
 
 def _gradient(problem: sk.InverseProblem):
@@ -151,8 +151,9 @@ def _table(rows: list[Row]) -> str:
 
     def cells(row: Row) -> list[str]:
         sizes = [_share(row.get(key), whole.get(key), "{:,}".format) for key in ("unknowns", "nonzeros")]
-        times = [[of.get(key, {}).get("median_s") for of in (row, whole)] for key in _PARTS]
-        return [*sizes, *(_share(*pair, tables.seconds) for pair in times), tables.steps(row)]
+        median = lambda of, key: of.get(key, {}).get("median_s")
+        times = [_share(median(row, key), median(whole, key), tables.seconds) for key in _PARTS]
+        return [*sizes, *times, tables.steps(row)]
 
     return tables.of_rows(("", "unknowns", "non-zeros", *_PARTS[:3], "loss and gradient", "steps"), rows, names, cells)
 
