@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -78,6 +79,17 @@ def rolling(mesh: sk.Mesh, thickness: float = ROLL_THICKNESS, **others: Any) -> 
         energy=sk.StVenantKirchhoff(ROLL_ALPHA, ROLL_BETA) + sk.Bending(ROLL_ALPHA, ROLL_BETA, **bending),
         **others,
     )
+
+
+def gradient_in(where: Callable[[sk.InverseProblem], Any]) -> Callable[[sk.InverseProblem], tuple[jax.Array, Any]]:
+    """A function that gives the loss of a problem and its gradient in the chosen arrays, the relaxation included."""
+
+    def value_and_gradient(problem: sk.InverseProblem) -> tuple[jax.Array, Any]:
+        chosen, rest = eqx.partition(where(problem), eqx.is_inexact_array)
+        loss = lambda chosen: eqx.tree_at(where, problem, eqx.combine(chosen, rest)).evaluate()[0]
+        return eqx.filter_value_and_grad(loss)(chosen)
+
+    return value_and_gradient
 
 
 def relaxed(problem: sk.InverseProblem) -> sk.Equilibrium:

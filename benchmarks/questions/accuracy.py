@@ -17,7 +17,7 @@ import shellkit as sk
 from .. import results, tables
 from ..case import Case, Row
 from ..measure import profile
-from ..problems import design_problem, director_angles, ending, relaxed, rolling
+from ..problems import design_problem, director_angles, ending, gradient_in, relaxed, rolling
 from ..tutorial import gradient_probes, rolled, shape_probes
 
 
@@ -115,8 +115,7 @@ def _of_gradient(mesh: sk.Mesh, runs: int, method: str, parameter: float) -> dic
 
 
 def _implicit(_, problem: sk.InverseProblem):
-    loss = lambda angles: eqx.tree_at(director_angles, problem, angles).evaluate()[0]
-    return jax.grad(loss)(director_angles(problem))
+    return gradient_in(director_angles)(problem)[1]
 
 
 def _differences(step: float, problem: sk.InverseProblem):

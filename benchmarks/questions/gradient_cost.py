@@ -1,13 +1,11 @@
 """Cost of a gradient: value and gradient of the loss, over the value alone."""
 
-import equinox as eqx
-
 import shellkit as sk
 
 from .. import tables
 from ..case import Case, Row
 from ..measure import profile
-from ..problems import design_problem, director_angles
+from ..problems import design_problem, director_angles, gradient_in
 
 
 _SCENES = {
@@ -31,23 +29,14 @@ def _physics(problem: sk.InverseProblem):
     return problem.actuation, problem.energy, problem.thickness
 
 
-def _gradient_in(where):
-    def value_and_gradient(problem: sk.InverseProblem):
-        chosen, rest = eqx.partition(where(problem), eqx.is_inexact_array)
-        loss = lambda chosen: eqx.tree_at(where, problem, eqx.combine(chosen, rest)).evaluate()[0]
-        return eqx.filter_value_and_grad(loss)(chosen)
-
-    return value_and_gradient
-
-
 def measure(mesh: str, loss: str, stretch: float, form: str, runs: int) -> dict:
     """The loss; with its gradient in the director angles; and in all arrays of actuation, energy and thickness."""
     problem = design_problem(sk.Mesh.read(mesh), loss, stretch, "random", form)
     return {
         "n_vertices": problem.mesh.n_vertices,
         "forward": profile(lambda problem: problem.evaluate()[0], problem, runs=runs)[1],
-        "angles": profile(_gradient_in(director_angles), problem, runs=runs)[1],
-        "physics": profile(_gradient_in(_physics), problem, runs=runs)[1],
+        "angles": profile(gradient_in(director_angles), problem, runs=runs)[1],
+        "physics": profile(gradient_in(_physics), problem, runs=runs)[1],
     }
 
 

@@ -4,7 +4,6 @@ from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
@@ -17,7 +16,7 @@ from shellkit._solve.null_space import held_still
 from .. import tables
 from ..case import Case, Row
 from ..measure import profile
-from ..problems import bilayer, director_angles, ending, relaxed, to_ellipsoid
+from ..problems import bilayer, director_angles, ending, gradient_in, relaxed, to_ellipsoid
 from ..tutorial import THICKNESS
 
 
@@ -85,11 +84,6 @@ def trained(problem: sk.InverseProblem) -> Any:
     return director_angles(problem) if isinstance(problem.actuation, sk.Bilayer) else actuation.stretch
 
 
-def _gradient(problem: sk.InverseProblem):
-    loss = lambda arrays: eqx.tree_at(trained, problem, arrays).evaluate()[0]
-    return jax.value_and_grad(loss)(trained(problem))
-
-
 def measure(mesh: str, scene: str, runs: int) -> dict:
     """The parts of one scene; of `"fit"` a step of the training of the second one, and no more."""
     if scene == "fit":
@@ -106,7 +100,7 @@ def measure(mesh: str, scene: str, runs: int) -> dict:
         "derivatives": profile(derivatives, still, y[: pattern.n], runs=runs)[1],
         "factorisation": profile(solver.factorise, hessian, runs=runs)[1],
         "relaxation": relaxation,
-        "gradient": profile(_gradient, problem, runs=runs)[1],
+        "gradient": profile(gradient_in(trained), problem, runs=runs)[1],
     }
 
 
