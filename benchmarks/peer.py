@@ -80,8 +80,9 @@ class Scene(eqx.Module):
         (thickness, alpha, beta), (metric, curvature) = self.moduli, rest
         neo_hookean = self.loss == "sphericity"
         stretching = elastic.get_neo_hookean_energy if neo_hookean else elastic.get_st_venant_kirchhoff_energy
-        bending = elastic.get_svk_bending_energy(vertices, (self.mesh, metric, curvature, alpha, beta))
-        return thickness / 4 * stretching(vertices, (self.mesh, metric, alpha, beta)) + thickness**3 / 12 * bending
+        return thickness / 4 * stretching(vertices, (self.mesh, metric, alpha, beta)) + thickness**3 / 12 * (
+            elastic.get_svk_bending_energy(vertices, (self.mesh, metric, curvature, alpha, beta))
+        )
 
     def relax(self, rest: tuple[jax.Array, jax.Array], adjoint: str) -> optx.Solution:
         tags = frozenset({lx.positive_semidefinite_tag}) if adjoint == "cg" else frozenset()
