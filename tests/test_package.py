@@ -295,20 +295,6 @@ def test_ci_runs_the_commands_of_the_readme():
     assert len(commands) == 2 and all(command in script for command in commands), commands
 
 
-def test_benchmarks_find_what_they_measure():
-    """They look inside the package, and nothing else runs them."""
-    names = [name for _, name, _ in pkgutil.walk_packages([str(ROOT / "benchmarks")], "benchmarks.")]
-    ours = [name for name in names if not name.endswith(("__main__", "peer"))]
-    assert "benchmarks.workers.relaxation" in ours
-    for name in ours:
-        importlib.import_module(name)
-
-
-def test_figures_on_the_pages_are_those_measured():
-    done = run(sys.executable, "-m", "benchmarks.pages", "--check")
-    assert done.returncode == 0, f"run python -m benchmarks.pages: {done.stdout}{done.stderr}"
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("path", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
 def test_code_on_the_pages_runs(path):

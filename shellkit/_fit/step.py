@@ -120,9 +120,10 @@ def advance(
         value, (_, equilibrium) = design.problem(design.values(free)).objective(start=start)
         return value if equilibrium is None else jnp.where(equilibrium.converged, value, jnp.inf)
 
-    update, state = optax.with_extra_args_support(optimiser).update(
-        gradient, state, free, value=loss, grad=gradient, value_fn=value_fn
-    )
+    with jax.numpy_dtype_promotion("standard"):  # optax mixes counts and rates
+        update, state = optax.with_extra_args_support(optimiser).update(
+            gradient, state, free, value=loss, grad=gradient, value_fn=value_fn
+        )
     return strong(update), strong(state)
 
 

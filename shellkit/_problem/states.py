@@ -130,7 +130,7 @@ class States(eqx.Module):
 
     def __init__(
         self,
-        states: Mapping[str, InverseProblem],
+        states: Mapping[str, Any],
         shared: Callable[[InverseProblem], PyTree] | Iterable[str],
         weights: Mapping[str, float | Array] | None = None,
         after: Mapping[str, str] | Iterable[tuple[str, str]] | None = None,
@@ -154,7 +154,7 @@ class States(eqx.Module):
             if not isinstance(state, InverseProblem):
                 raise ValueError(f"States: {name!r} is a {type(state).__name__}; give an InverseProblem.")
         self.names = tuple(states)
-        pairs = after.items() if isinstance(after, Mapping) else (after or ())
+        pairs: Any = after.items() if isinstance(after, Mapping) else (after or ())
         self.after = _in_order(self.names, {name: earlier for name, earlier in pairs if earlier})
         unknown = [name for name in (weights or {}) if name not in states]
         if unknown:

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 import shellkit as sk
-from benchmarks.validation.cards import rollup
 from shellkit._energy import Unknowns
+from validation.cards import rollup
 
 
 FLAT = 0.5 * rollup.THICKNESS**3 / 12 / (1 - rollup.POISSON**2)  # energy of an area for a curvature of one
