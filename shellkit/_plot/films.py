@@ -16,11 +16,12 @@ from .._fit.history import FitResult, FitStep
 from .._package.distribution import DISTRIBUTION
 from .._path.ramp import Path
 from .._problem.problem import InverseProblem
+from .._problem.states import States
 from .fields import Field
 from .opengl import require_opengl
 from .pictures import fields_of
 from .scene import Look, color_limits, default_direction, points_of, stage
-from .shapes import Drawable, Shape, Target, fit_shapes, path_shapes, shapes_of
+from .shapes import Drawable, Shape, Target, fit_shapes, path_shapes, shapes_of, state_shapes
 
 
 _TURNING_FRAMES = 60
@@ -201,6 +202,9 @@ def _scenes(
 
 
 def _snapshot(step: FitStep, directors: Directors, target: Target, aligner: Aligner | None) -> list[Shape]:
+    if isinstance(step.problem, States):
+        shapes = state_shapes(step.problem, step.equilibrium, directors, target, aligner)
+        return [dataclasses.replace(shape, title=f"{shape.title}, step {step.step}") for shape in shapes]
     if not isinstance(step.problem, InverseProblem):
         raise ValueError(f"animate: the fit trained a {type(step.problem).__name__}, which is no InverseProblem.")
     equilibrium = step.problem.unrelaxed() if step.equilibrium is None else step.equilibrium

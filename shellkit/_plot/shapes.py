@@ -16,9 +16,10 @@ from .._loss import Loss, SumOfLosses, VertexDistance, WeightedLoss
 from .._mesh.mesh import Mesh
 from .._path.ramp import Path
 from .._problem.problem import InverseProblem
+from .._problem.states import Equilibria, States
 
 
-Drawable = Mesh | Equilibrium | InverseProblem | FitResult | Path
+Drawable = Mesh | Equilibrium | Equilibria | InverseProblem | States | FitResult | Path
 Target = Mesh | Equilibrium | InverseProblem | ArrayLike | None
 
 _MOST_OF_A_PATH = 4
@@ -67,6 +68,11 @@ def shapes_of(
     if isinstance(thing, InverseProblem):
         shape = _at_rest(thing, directors)
         return [_with_target(shape, _target_of(target, thing.mesh), aligner)]
+    if isinstance(thing, Equilibria):
+        relaxed = [relaxed_shape(each, problem, directors, target, aligner) for each in thing.values()]
+        return [dataclasses.replace(shape, title=name) for name, shape in zip(thing, relaxed, strict=True)]
+    if isinstance(thing, States):
+        return state_shapes(thing, thing(), directors, target, aligner)
     if isinstance(thing, FitResult):
         return _fit_shapes(thing, directors, target, aligner)
     if isinstance(thing, Path):
@@ -74,8 +80,8 @@ def shapes_of(
         chosen = np.linspace(0, len(shapes) - 1, min(len(shapes), _MOST_OF_A_PATH)).round().astype(int)
         return [shapes[k] for k in chosen]
     raise ValueError(
-        f"plot: cannot draw a {type(thing).__name__}; give a Mesh, an Equilibrium, an InverseProblem, a FitResult, a "
-        "Path, or a list of them."
+        f"plot: cannot draw a {type(thing).__name__}; give a Mesh, an Equilibrium, an InverseProblem, States, a "
+        "FitResult, a Path, or a list of them."
     )
 
 
@@ -124,13 +130,26 @@ def fit_shapes(
     return [_at_rest(problem, directors), relaxed_shape(equilibrium, problem, directors, target, aligner)]
 
 
+def state_shapes(
+    states: States, equilibria: Equilibria, directors: Directors, target: Target, aligner: Aligner | None
+) -> list[Shape]:
+    """Each state relaxed, with the target of its loss, in the order of the states."""
+    shapes = []
+    for name in states.names:
+        _, relaxed = fit_shapes(states[name], equilibria[name], directors, target, aligner)
+        shapes.append(dataclasses.replace(relaxed, title=name))
+    return shapes
+
+
 def _fit_shapes(result: FitResult, directors: Directors, target: Target, aligner: Aligner | None) -> list[Shape]:
     problem = result.problem
-    if not isinstance(problem, InverseProblem):
+    if not isinstance(problem, InverseProblem | States):
         raise ValueError(
             f"plot: the fit trained a {type(problem).__name__}, which is no InverseProblem; plot its parts one by one."
         )
     equilibrium = problem() if result.equilibrium is None else result.equilibrium
+    if isinstance(problem, States):
+        return state_shapes(problem, equilibrium, directors, target, aligner)
     start, best = fit_shapes(problem, equilibrium, directors, target, aligner)
     shapes = [dataclasses.replace(start, title="at rest"), dataclasses.replace(best, title="relaxed")]
     return shapes if best.target is None else [*shapes, dataclasses.replace(best.target, title="target")]
