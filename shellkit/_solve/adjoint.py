@@ -12,8 +12,7 @@ from .._programs.tracing import frozen
 from .linear.base import AbstractDirectSolver, AbstractSparseSolver, LastFactor
 from .linear.bordered import Bordered, BorderedSolver
 from .matrices.pattern import SymmetricPattern
-from .newton.newton import solve_held
-from .null_space import held_still, project_out
+from .null_space import held_still, project_out, solve_held
 
 
 _RESIDUAL = 1e-13  # at which the solution of the adjoint system is taken as exact
