@@ -36,8 +36,8 @@ def descend(
     solve: Callable[[Array], Array],
     target: Scalar,
 ) -> Reached:
-    """Halve the step until it is feasible and lowers the energy, or double it while that lowers it further; then,
-    near a minimum, correct it as long as that pays. A mixed step is taken as it is.
+    """Halve the step until it is feasible and lowers the energy, or add steps twice as long while these lower it
+    further; then, near a minimum, correct it as long as that pays. A mixed step is taken as it is.
 
     One loop does both, so that the energy is compiled once.
 

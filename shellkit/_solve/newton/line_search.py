@@ -20,14 +20,15 @@ class Onwards(eqx.Module):
 
 
 class LineSearch(eqx.Module):
-    r"""Backtracking from the full step until the energy falls by part of what its slope promises, and doubling where
-    the step is too short: off a saddle, and where the model is known to be stiffer than the energy.
+    """Backtracking from the full step until the energy falls by part of what its slope promises; and, where the step is
+    too short, further steps, each twice as long as the last, while the energy falls: off a saddle, and where the model
+    is known to be stiffer than the energy.
 
     Where the energy has no digits left to fall by, a smaller gradient decides.
 
     ??? cite "Source"
-        Algorithm 3.1 of J. Nocedal and S. Wright, *Numerical Optimization*, 2nd edition (2006). That the gradient
-        decides where differences of energies are rounding is as in W. Hager and H. Zhang, *A new conjugate gradient
+        Algorithm 3.1 of J. Nocedal and S. Wright, *Numerical Optimization*, 2nd edition (2006). On differences of
+        energies that are rounding, and what gradients say there, see W. Hager and H. Zhang, *A new conjugate gradient
         method with guaranteed descent and an efficient line search*, SIAM J. Optim. 16 (2005) 170–192.
 
     **Arguments:**

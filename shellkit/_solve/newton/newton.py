@@ -84,7 +84,7 @@ class SparseNewton(AbstractNewton):
     along its softest direction, or its lowest. Where the step of a convex model has to be cut short, as the energy of a
     thin shell is a narrow curved valley, steps with the strains as unknowns of their own follow it to its end, or are
     dropped. Motions that cost nothing are held and projected out. Each of these means is a part with numbers of its
-    own, and can be left out: `SparseNewton(line_search=LineSearch(armijo=0.1), mixed_steps=None)`.
+    own, and can be left out: `SparseNewton(line_search=LineSearch(armijo=0.1))`.
 
     It works on one flat vector and is told about the function through `options` of `optimistix.minimise`:
 

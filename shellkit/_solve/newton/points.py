@@ -58,7 +58,7 @@ class Reached(eqx.Module):
 
     point: Point
     length: Scalar
-    """The part of the direction that was taken; zero if none was."""
+    """The part of the direction that was taken, or, of a step that was made longer, tried last; zero if none was."""
     settled: Bool[Array, ""]
     """The last correction was within tolerance."""
 

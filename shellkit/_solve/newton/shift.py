@@ -17,8 +17,8 @@ from .points import Reached, Step
 class Shift(eqx.Module):
     r"""What is added to a Hessian until the inertia of its factor shows no negative eigenvalue.
 
-    A part $\sigma / (\sigma + \sigma_½)$ of what makes the energy convex element by element, and a small multiple of
-    the identity; or, where nothing is known to make it convex, $\sigma$ times the identity. The shift $\sigma$, in
+    A part $\sigma / (\sigma + \sigma_{1/2})$ of what makes the energy convex element by element, and a small multiple
+    of the identity; or, where nothing is known to make it convex, $\sigma$ times the identity. The shift $\sigma$, in
     units of the mean diagonal entry, is raised within a step as often as needed, grows where the model promised more
     than there was, and falls to zero near a minimum.
 
@@ -41,7 +41,7 @@ class Shift(eqx.Module):
     - `smallest`, `largest`: the first shift that is tried, and that beyond which the search gives up.
     - `growth`: the factor by which a shift that is too small grows; tries within a step lie ever further apart.
     - `decay`: the factor by which a shift that was enough falls from one step to the next.
-    - `half_convex`: the shift $\sigma_½$ at which the model is half convex.
+    - `half_convex`: the shift $\sigma_{1/2}$ at which the model is half convex.
     - `damping`: the part of the identity in a convex model.
     - `near`: a step below this fraction of the typical length, whose shift was enough at once, needs none next time.
     - `max_tries`: the most factorisations in a step.
@@ -92,7 +92,7 @@ class Shift(eqx.Module):
             else:
                 # Worked out at the first shift of this step.
                 wanted = (now.next_shift > 0) & ((now.tries == 0) | (now.shift == 0))
-                convexity = jax.lax.cond(wanted, lambda make: make().values, lambda _: now.convexity, convexification)
+                convexity = jax.lax.cond(wanted, lambda: convexification().values, lambda: now.convexity)
                 matrix = self.convexified(hessian, convexity, now.next_shift, unit)
             factor, solution = linear_solver.factorise_and_solve(matrix, rhs)
             # A try costs as much as a step: they lie ever further apart, at first too, where the way is long.
