@@ -95,7 +95,7 @@ def test_parts_of_the_solver_that_are_left_out_are_not_traced():
         return operations(lambda y: newton.minimise(objective, y, 9)[0].point.y, jnp.ones(2))
 
     whole = count()
-    # Small eigenproblems find the way off a saddle; three loops correct and hold: two of the corrections, one of shifts.
+    # Small eigenproblems in a loop find the way off a saddle; corrections have two loops, and a shift has one.
     assert whole["eigh"] == 2 and count(saddle_escape=None)["eigh"] == 0
     loops = lambda **parts: count(**parts)["while"] + count(**parts)["scan"]
     every = whole["while"] + whole["scan"]

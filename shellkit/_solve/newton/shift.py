@@ -92,7 +92,8 @@ class Shift(eqx.Module):
             else:
                 # Worked out at the first shift of this step.
                 wanted = (now.next_shift > 0) & ((now.tries == 0) | (now.shift == 0))
-                convexity = jax.lax.cond(wanted, lambda: convexification().values, lambda: now.convexity)
+                make = convexification
+                convexity = jax.lax.cond(wanted, lambda: make().values, lambda: now.convexity)
                 matrix = self.convexified(hessian, convexity, now.next_shift, unit)
             factor, solution = linear_solver.factorise_and_solve(matrix, rhs)
             # A try costs as much as a step: they lie ever further apart, at first too, where the way is long.
