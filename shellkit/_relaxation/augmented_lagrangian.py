@@ -45,6 +45,25 @@ class Held(eqx.Module):
     rounds: Int[Array, ""]
     settled: Bool[Array, ""]
 
+    @classmethod
+    def begin(cls, y: Float[Array, " n"], lent: Float[Array, " m"], penalties: Float[Array, " m"]) -> "Held":
+        """Before the first round, of which only these three are looked at."""
+        none = jnp.zeros((), jnp.int32)
+        return cls(
+            y=y,
+            multipliers=jnp.zeros_like(lent),
+            lent=lent,
+            penalties=penalties,
+            gap=jnp.asarray(jnp.inf),
+            value=jnp.zeros(()),
+            gradient=y,
+            steps=none,
+            factorisations=none,
+            result=optx.RESULTS.successful,
+            rounds=none,
+            settled=jnp.array(False),
+        )
+
 
 def relax_held(
     newton: Newton,
@@ -70,18 +89,17 @@ def relax_held(
     exact = jnp.asarray(quantities.exact)
     zero = jnp.zeros(len(exact))
     first = zero if multipliers is None else jnp.where(exact, multipliers, 0.0)
-    penalties = jnp.where(exact, _penalties(energy, y), quantities.penalties)
-    none, success = jnp.zeros((), jnp.int32), optx.RESULTS.successful
-    start = Held(y, zero, first, penalties, jnp.asarray(jnp.inf), jnp.zeros(()), y, none, none, success, none, none > 0)
+    start = Held.begin(y, first, jnp.where(exact, _penalties(energy, y), quantities.penalties))
 
     def once(now: Held) -> Held:
         lent = energy.held_by(now.lent, now.penalties)
         state, steps = newton.minimise(objective(lent), now.y, max_steps)
         result, point = state.result, state.point
+        converged = result == optx.RESULTS.successful
         gaps, rows = energy.gaps(point.y), energy.rows(point.y)
         gap = jnp.max(jnp.where(exact, jnp.abs(gaps) / (_ROUNDING * (jnp.abs(rows) @ jnp.abs(point.y))), 0.0))
         worse = ~(gap < _CONTRACTION * now.gap)
-        settled = (result == success) & ((gap <= 1) | (worse & (gap * _ROUNDING < _CLOSE)))
+        settled = converged & ((gap <= 1) | (worse & (gap * _ROUNDING < _CLOSE)))
 
         # The gaps as a function of the multipliers have the slope G A⁻¹ Gᵀ at the minimum.
         basis = None if motions is None else orthonormal(motions(point.y))
@@ -90,7 +108,7 @@ def relax_held(
         slope = jnp.where(exact[:, None] & exact[None, :], rows @ moves.T, jnp.diag(1.0 + zero))
         change = -jnp.linalg.solve(slope, jnp.where(exact, gaps, 0.0))
         simple = jnp.where(exact, -now.penalties * gaps, 0.0)
-        usable = (result == success) & jnp.all(jnp.isfinite(change))
+        usable = converged & jnp.all(jnp.isfinite(change))
         change = jnp.where(usable, change, simple)
         return Held(
             y=jnp.where(usable & ~settled, point.y + change @ moves, point.y),

@@ -49,47 +49,70 @@ def descend(
     - `solve`: with the factor of the step.
     - `target`: the size of a correction that ends the search for a minimum.
     """
-    unit = objective.length
-    correctable = step.regular & ~step.mixed & (step.size < unit)
-    noise = jnp.asarray(jnp.inf) if line_search is None else line_search.resolution(step, unit)
-
-    def attempt(now: _Progress) -> _Progress:
-        correction = now.correction
-        direction, length = step.direction, now.length
-        if correction is not None:
-            direction, length = correction.direction, jnp.where(now.searching, now.length, 1.0)
-        y = now.point.y + length * direction
-        trial = Point.of(y, *objective.value_and_gradient(y))
-        ratio = trial.norm / now.point.norm
-
-        accepted = jnp.array(True)
-        if line_search is not None:
-            accepted = line_search.accepts(step, now.point, now.length, trial, ratio, noise)
-        if objective.feasible is not None:
-            accepted = objective.feasible(now.point.y, y) & accepted
-        if corrections is not None:
-            accepted = jnp.where(now.searching, accepted, corrections.accepts(now.point, trial, ratio, noise))
-        accepted = trial.finite & (step.mixed | accepted)
-
-        onwards = Onwards(jnp.array(False), jnp.where(accepted, now.length, 0.0))
-        if line_search is not None:
-            onwards = line_search.onwards(step, now.point, now.length, now.tries, accepted, unit)
-        tries, searching, reached_length = now.tries + 1, onwards.again, onwards.length
-        if corrections is not None and correction is not None:
-            settled = correction.on & (correction.size <= target)
-            first = correctable & (now.length == 1)
-            again = accepted & corrections.pays(correction, now.tries, first, ratio, target) & ~settled
-            tries = jnp.where(again & now.searching, 0, tries)
-            searching = now.searching & searching
-            reached_length = jnp.where(now.searching, reached_length, now.length)
-            gradients = now.point.gradient, trial.gradient
-            correction = corrections.after(correction, gradients, again, settled, solve)
-        return _Progress(choose(accepted, trial, now.point), reached_length, tries, searching, correction)
-
+    way = _Way(objective, step, line_search, corrections, solve, target)
     # Uphill there is nothing to find; off a saddle it may be flat.
     downhill = (step.slope <= 0) | step.escaping
     correction = None if corrections is None else corrections.begin(step)
     start = _Progress(step.start, jnp.ones_like(step.slope), jnp.zeros((), int), downhill, correction)
-    end = jax.lax.while_loop(lambda now: now.going, attempt, start)
+    noise = jnp.asarray(jnp.inf) if line_search is None else line_search.resolution(step, objective.length)
+    end = jax.lax.while_loop(lambda now: now.going, lambda now: way.attempt(now, noise), start)
     settled = jnp.array(False) if end.correction is None else end.correction.settled
     return Reached(end.point, jnp.where(downhill, end.length, 0.0), settled)
+
+
+class _Way(eqx.Module):
+    """What `descend` is given, and one trial of it."""
+
+    objective: Objective
+    step: Step
+    line_search: LineSearch | None
+    corrections: Corrections | None
+    solve: Callable[[Array], Array]
+    target: Scalar
+
+    def attempt(self, now: _Progress, noise: Scalar) -> _Progress:
+        """One more trial, of the search or of a correction."""
+        correction = now.correction
+        direction, length = self.step.direction, now.length
+        if correction is not None:
+            direction, length = correction.direction, jnp.where(now.searching, now.length, 1.0)
+        y = now.point.y + length * direction
+        trial = Point.of(y, *self.objective.value_and_gradient(y))
+        ratio = trial.norm / now.point.norm
+        accepted = self.accepts(now, trial, ratio, noise)
+
+        onwards = Onwards(jnp.array(False), jnp.where(accepted, now.length, 0.0))
+        if self.line_search is not None:
+            unit = self.objective.length
+            onwards = self.line_search.onwards(self.step, now.point, now.length, now.tries, accepted, unit)
+        tries, searching, length = now.tries + 1, onwards.again, onwards.length
+        if self.corrections is not None and correction is not None:
+            correction = self.corrected(now, correction, trial, ratio, accepted)
+            tries = jnp.where(correction.on & now.searching, 0, tries)
+            searching = now.searching & searching
+            length = jnp.where(now.searching, length, now.length)
+        return _Progress(choose(accepted, trial, now.point), length, tries, searching, correction)
+
+    def accepts(self, now: _Progress, trial: Point, ratio: Scalar, noise: Scalar) -> Bool[Array, ""]:
+        """Whether to go to a trial point."""
+        accepted = jnp.array(True)
+        if self.line_search is not None:
+            accepted = self.line_search.accepts(self.step, now.point, now.length, trial, ratio, noise)
+        if self.objective.feasible is not None:
+            accepted = self.objective.feasible(now.point.y, trial.y) & accepted
+        if self.corrections is not None:
+            better = self.corrections.accepts(now.point, trial, ratio, noise)
+            accepted = jnp.where(now.searching, accepted, better)
+        return trial.finite & (self.step.mixed | accepted)
+
+    def corrected(
+        self, now: _Progress, last: Correction, trial: Point, ratio: Scalar, accepted: Bool[Array, ""]
+    ) -> Correction:
+        """The correction that follows on a trial, if it pays."""
+        assert self.corrections is not None
+        step = self.step
+        near = step.regular & ~step.mixed & (step.size < self.objective.length)
+        settled = last.on & (last.size <= self.target)
+        pays = self.corrections.pays(last, now.tries, near & (now.length == 1), ratio, self.target)
+        gradients = now.point.gradient, trial.gradient
+        return self.corrections.after(last, gradients, accepted & pays & ~settled, settled, self.solve)
