@@ -101,7 +101,7 @@ class MixedSteps(eqx.Module):
             on=continues | begins,
             origin=choose(begins, point, state.origin),
             steps=jnp.where(continues, state.steps + 1, 0),
-            attempts=state.attempts + begins,
+            attempts=state.attempts + begins.astype(jnp.int32),
         )
         in_full = Point(step.start.y + step.direction, point.value, point.gradient, point.norm)
         return following, choose(begins, in_full, choose(in_vain, state.origin, point))

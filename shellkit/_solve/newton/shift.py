@@ -98,7 +98,7 @@ class Shift(eqx.Module):
             factor, solution = linear_solver.factorise_and_solve(matrix, rhs)
             # A try costs as much as a step: they lie ever further apart, at first too, where the way is long.
             stride = now.tries + jnp.where(first, self.first_stride, 1)
-            higher = jnp.maximum(now.next_shift, self.smallest) * self.growth**stride
+            higher = jnp.maximum(now.next_shift, self.smallest) * self.growth ** stride.astype(float)
             return _Try(factor, solution, higher, now.next_shift, now.tries + 1, convexity)
 
         def unfit(now: _Try) -> Bool[Array, ""]:
