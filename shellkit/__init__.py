@@ -162,7 +162,12 @@ from ._starts import (
 from ._solve.linear.choose import direct_solver as direct_solver
 from ._solve.linear.cholmod import Cholmod as Cholmod
 from ._solve.linear.iterative import ConjugateGradients as ConjugateGradients
+from ._solve.newton.corrections import Corrections as Corrections
+from ._solve.newton.line_search import LineSearch as LineSearch
+from ._solve.newton.mixed import MixedSteps as MixedSteps
 from ._solve.newton.newton import SparseNewton as SparseNewton
+from ._solve.newton.saddle import SaddleEscape as SaddleEscape
+from ._solve.newton.shift import Shift as Shift
 from ._solve.matrices.operator import SparseSymmetric as SparseSymmetric
 from ._solve.linear.pardiso import Pardiso as Pardiso
 from ._solve.linear.superlu import SuperLU as SuperLU

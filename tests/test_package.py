@@ -57,7 +57,7 @@ REFINABLE = {
 }
 
 # Files that are still to be divided.
-TOO_LONG = {"_solve/newton/newton.py", "_path/arc_length.py", "_problem/problem.py"}
+TOO_LONG = {"_problem/problem.py"}
 
 
 def run(*command):

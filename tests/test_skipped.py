@@ -8,12 +8,15 @@ from collections import Counter
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 import pytest
 
 import shellkit as sk
 from shellkit._energy import Assembly
-from shellkit._relaxation.minimise import minimiser_options
+from shellkit._relaxation.minimise import objective_of
 from shellkit._solve.linear import superlu
+from shellkit._solve.matrices.pattern import SymmetricPattern
+from shellkit._solve.newton.objective import Objective
 
 
 BALL = sk.meshes.icosphere(subdivisions=1)
@@ -76,8 +79,31 @@ def test_without_bending_the_derivatives_take_a_fraction_of_the_operations():
 
 
 def test_without_bending_no_strain_is_an_unknown_of_its_own():
-    options = [minimiser_options(scene(energy=e).discrete_energy(), None, jnp.ones(())) for e in (STRETCHING, BENDING)]
-    assert options[0]["apart"] is None and options[1]["apart"] is not None
+    stretching, bending = (
+        objective_of(scene(energy=e).discrete_energy(), None, jnp.ones(())) for e in (STRETCHING, BENDING)
+    )
+    assert stretching.mixed is None and bending.mixed is not None
+
+
+def test_parts_of_the_solver_that_are_left_out_are_not_traced():
+    pattern = SymmetricPattern.of(np.arange(2), np.arange(2), 2)[0]
+    hessian = lambda y: sk.SparseSymmetric(pattern, jnp.cosh(y))
+
+    def count(**parts):
+        newton = sk.SparseNewton(linear_solver=superlu.SuperLU(), **parts).core
+        objective = Objective.from_options(lambda y, _: (jnp.sum(jnp.cosh(y)), None), None, {"hessian": hessian})
+        return operations(lambda y: newton.minimise(objective, y, 9)[0].point.y, jnp.ones(2))
+
+    whole = count()
+    # Small eigenproblems in a loop find the way off a saddle; corrections have two loops, and a shift has one.
+    assert whole["eigh"] == 2 and count(saddle_escape=None)["eigh"] == 0
+    loops = lambda **parts: count(**parts)["while"] + count(**parts)["scan"]
+    every = whole["while"] + whole["scan"]
+    assert loops(corrections=None) == every - 2
+    # Without a shift no saddle is seen.
+    assert loops(saddle_escape=None) == every - 1
+    assert loops(shift=None) == every - 2
+    assert count(line_search=None).total() < whole.total()
 
 
 def test_without_free_directors_edges_have_no_unknowns():

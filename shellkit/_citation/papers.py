@@ -157,6 +157,17 @@ KIDGER_2021 = """@inproceedings{kidger2021equinox,
     year = {2021},
 }"""
 
+KNYAZEV_2001 = """@article{knyazev2001toward,
+    author = {Knyazev, Andrew V.},
+    title = {Toward the optimal preconditioned eigensolver: locally optimal block preconditioned conjugate gradient
+        method},
+    journal = {SIAM Journal on Scientific Computing},
+    volume = {23},
+    number = {2},
+    pages = {517--541},
+    year = {2001},
+}"""
+
 LE_DRET_1995 = """@article{ledret1995nonlinear,
     author = {Le Dret, Herv{\\'e} and Raoult, Annie},
     title = {The nonlinear membrane model as variational limit of nonlinear three-dimensional elasticity},

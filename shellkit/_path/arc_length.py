@@ -17,8 +17,7 @@ from .._geometry.surface import edge_lengths
 from .._problem.problem import InverseProblem
 from .._relaxation.augmented_lagrangian import Stationary, padded
 from .._solve.linear.bordered import Bordered, BorderedSolver
-from .._solve.newton.newton import solve_held
-from .._solve.null_space import held_still
+from .._solve.null_space import held_still, solve_held
 
 
 _MAX_CORRECTIONS = 12

@@ -3,6 +3,7 @@ fits become shapes."""
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -147,7 +148,7 @@ def _fit_shapes(result: FitResult, directors: Directors, target: Target, aligner
         raise ValueError(
             f"plot: the fit trained a {type(problem).__name__}, which is no InverseProblem; plot its parts one by one."
         )
-    equilibrium = problem() if result.equilibrium is None else result.equilibrium
+    equilibrium: Any = problem() if result.equilibrium is None else result.equilibrium
     if isinstance(problem, States):
         return state_shapes(problem, equilibrium, directors, target, aligner)
     start, best = fit_shapes(problem, equilibrium, directors, target, aligner)

@@ -4,7 +4,6 @@ For given multipliers and a penalty the shape is a minimum like any other. How i
 follows from the factor at hand, so that these converge as Newton's method does, to gaps of rounding."""
 
 from collections.abc import Callable
-from typing import Any
 
 import equinox as eqx
 import jax
@@ -15,9 +14,10 @@ from jaxtyping import Array, Bool, Float, Int, Scalar
 from .._energy import DiscreteEnergy
 from .._solve.adjoint import differentiable_minimum
 from .._solve.linear.base import AbstractSparseSolver
-from .._solve.linear.bordered import Bordered, BorderedSolver
-from .._solve.newton.newton import NewtonState, SparseNewton, solve_held
-from .._solve.null_space import orthonormal
+from .._solve.linear.bordered import Bordered, BorderedFactor, BorderedSolver
+from .._solve.newton.core import Newton
+from .._solve.newton.objective import Objective
+from .._solve.null_space import orthonormal, solve_held
 
 
 _MAX_ROUNDS = 16
@@ -45,10 +45,29 @@ class Held(eqx.Module):
     rounds: Int[Array, ""]
     settled: Bool[Array, ""]
 
+    @classmethod
+    def begin(cls, y: Float[Array, " n"], lent: Float[Array, " m"], penalties: Float[Array, " m"]) -> "Held":
+        """Before the first round, of which only these three are looked at."""
+        none = jnp.zeros((), jnp.int32)
+        return cls(
+            y=y,
+            multipliers=jnp.zeros_like(lent),
+            lent=lent,
+            penalties=penalties,
+            gap=jnp.asarray(jnp.inf),
+            value=jnp.zeros(()),
+            gradient=y,
+            steps=none,
+            factorisations=none,
+            result=optx.RESULTS.successful,
+            rounds=none,
+            settled=jnp.array(False),
+        )
+
 
 def relax_held(
-    solver: SparseNewton,
-    options: Callable[[DiscreteEnergy], dict[str, Any]],
+    newton: Newton,
+    objective: Callable[[DiscreteEnergy], Objective],
     energy: DiscreteEnergy,
     y: Float[Array, " n"],
     multipliers: Float[Array, " m"] | None,
@@ -58,45 +77,38 @@ def relax_held(
 
     **Arguments:**
 
-    - `solver`: with a linear solver of bordered matrices.
-    - `options`: from an energy to what the solver is told of it.
+    - `newton`: with a linear solver of bordered matrices.
+    - `objective`: from an energy to what the method is told of it.
     - `energy`: with the quantities; nothing of it is differentiated.
     - `y`, `multipliers`: where to start.
-    - `max_steps`: of the solver, for each round.
+    - `max_steps`: of the method, for each round.
     """
-    motions = options(energy)["motions"]
+    motions = objective(energy).motions
     quantities = energy.quantities
     assert quantities is not None
     exact = jnp.asarray(quantities.exact)
     zero = jnp.zeros(len(exact))
     first = zero if multipliers is None else jnp.where(exact, multipliers, 0.0)
-    penalties = jnp.where(exact, _penalties(energy, y), quantities.penalties)
-    none, success = jnp.zeros((), jnp.int32), optx.RESULTS.successful
-    start = Held(y, zero, first, penalties, jnp.asarray(jnp.inf), jnp.zeros(()), y, none, none, success, none, none > 0)
+    start = Held.begin(y, first, jnp.where(exact, _penalties(energy, y), quantities.penalties))
 
     def once(now: Held) -> Held:
         lent = energy.held_by(now.lent, now.penalties)
-        state, steps = _minimise(solver, options(lent), now.y, max_steps)
-        result = optx.RESULTS.where(
-            state.done,
-            success,
-            optx.RESULTS.where(
-                state.stuck, optx.RESULTS.nonlinear_divergence, optx.RESULTS.nonlinear_max_steps_reached
-            ),
-        )
-        point = state.point
+        state, steps = newton.minimise(objective(lent), now.y, max_steps)
+        result, point = state.result, state.point
+        converged = result == optx.RESULTS.successful
         gaps, rows = energy.gaps(point.y), energy.rows(point.y)
         gap = jnp.max(jnp.where(exact, jnp.abs(gaps) / (_ROUNDING * (jnp.abs(rows) @ jnp.abs(point.y))), 0.0))
         worse = ~(gap < _CONTRACTION * now.gap)
-        settled = (result == success) & ((gap <= 1) | (worse & (gap * _ROUNDING < _CLOSE)))
+        settled = converged & ((gap <= 1) | (worse & (gap * _ROUNDING < _CLOSE)))
 
         # The gaps as a function of the multipliers have the slope G A⁻¹ Gᵀ at the minimum.
         basis = None if motions is None else orthonormal(motions(point.y))
-        moves = jnp.stack([solve_held(solver.linear_solver, state.factor, basis, row) for row in rows])
+        assert isinstance(state.factor, BorderedFactor)
+        moves = jnp.stack([solve_held(newton.linear_solver, state.factor, basis, row) for row in rows])
         slope = jnp.where(exact[:, None] & exact[None, :], rows @ moves.T, jnp.diag(1.0 + zero))
         change = -jnp.linalg.solve(slope, jnp.where(exact, gaps, 0.0))
         simple = jnp.where(exact, -now.penalties * gaps, 0.0)
-        usable = (result == success) & jnp.all(jnp.isfinite(change))
+        usable = converged & jnp.all(jnp.isfinite(change))
         change = jnp.where(usable, change, simple)
         return Held(
             y=jnp.where(usable & ~settled, point.y + change @ moves, point.y),
@@ -114,23 +126,6 @@ def relax_held(
         )
 
     return jax.lax.while_loop(lambda now: ~now.settled & (now.rounds < _MAX_ROUNDS), once, start)
-
-
-def _minimise(
-    solver: SparseNewton, options: dict[str, Any], y: Float[Array, " n"], max_steps: int
-) -> tuple[NewtonState, Int[Array, ""]]:
-    """Newton's method, without the derivatives that optimistix would arrange for."""
-    unused: Any = None  # the energy as a function: the options have all of it
-    start = solver.init(unused, y, None, options, None, None, frozenset())
-
-    def step(carry):
-        y, state, count = carry
-        y, state, _ = solver.step(unused, y, None, options, state, frozenset())
-        return y, state, count + 1
-
-    goes_on = lambda carry: ~(carry[1].done | carry[1].stuck) & (carry[2] < max_steps)
-    _, state, count = jax.lax.while_loop(goes_on, step, (y, start, jnp.zeros((), jnp.int32)))
-    return state, count
 
 
 def _penalties(energy: DiscreteEnergy, y: Float[Array, " n"]) -> Float[Array, " m"]:

@@ -9,11 +9,12 @@ from jaxtyping import Array, Bool, Float, Int, Scalar
 
 from .._energy import DiscreteEnergy
 from .._geometry.patches import Hinges, Triangles
-from .._solve.linear.base import AbstractSparseSolver, Factor, LastFactor
+from .._programs.tracing import with_parts
+from .._solve.linear.base import AbstractSparseSolver, LastFactor
 from .._solve.linear.bordered import BorderedSolver
 from .._solve.matrices.operator import SparseSymmetric
-from .._solve.newton.newton import NewtonState, SparseNewton
-from .._solve.newton.plain import PlainState
+from .._solve.newton.newton import AbstractNewton, SparseNewton
+from .._solve.newton.objective import MixedForm, Objective
 from .._solve.null_space import held_still
 from .augmented_lagrangian import Held, relax_held
 from .rigid_modes import FreeMotions
@@ -56,33 +57,23 @@ def minimised(
     - `solver`, `max_steps`: the minimiser and its limit.
     - `linear_solver`: that looks at the Hessian where the minimiser does not.
     """
-    solution = optx.minimise(
-        lambda y, _: energy(y),
-        solver,
-        y,
-        options=minimiser_options(energy, motions, length),
-        max_steps=max_steps,
-        throw=False,
-    )
-    if isinstance(solution.state, NewtonState | PlainState):
-        point = solution.state.best
-        value, gradient = point.value, point.gradient
-        stable = solution.result == optx.RESULTS.successful
-        factorisations = solution.stats["factorisations"]
-        factor = solution.state.factor
-        last = LastFactor.of(factor) if isinstance(factor, Factor) else None
-        last = factor if isinstance(factor, LastFactor) else last
-    else:
-        last = None
-        value, gradient = energy.value_and_gradient(solution.value)
-        hessian = energy.hessian(solution.value)
-        assert isinstance(hessian, SparseSymmetric)  # constraints are for SparseNewton, as was checked
-        hessian, _, _ = held_still(hessian, motions, solution.value)
-        factor = linear_solver.factorise(hessian)
-        stable = factor.ok & (factor.negative <= 0)
-        factorisations = jnp.ones((), jnp.int32)
-    steps = solution.stats["num_steps"]
-    return End(solution.value, value, gradient, steps, factorisations, stable, solution.result, last)
+    if isinstance(solver, AbstractNewton):
+        state, steps = solver.core.minimise(objective_of(energy, motions, length), y, max_steps)
+        point, last = state.best, state.factor
+        assert isinstance(last, LastFactor)  # of a sparse matrix: nothing is held here
+        result = optx.RESULTS.where(jnp.all(jnp.isfinite(y)), state.result, optx.RESULTS.nonfinite)
+        stable = result == optx.RESULTS.successful
+        return End(point.y, point.value, point.gradient, steps, state.factorisations, stable, result, last)
+    options = minimiser_options(energy, motions, length)
+    solution = optx.minimise(lambda y, _: energy(y), solver, y, options=options, max_steps=max_steps, throw=False)
+    value, gradient = energy.value_and_gradient(solution.value)
+    hessian = energy.hessian(solution.value)
+    assert isinstance(hessian, SparseSymmetric)  # constraints are for SparseNewton, as was checked
+    hessian, _, _ = held_still(hessian, motions, solution.value)
+    factor = linear_solver.factorise(hessian)
+    stable = factor.ok & (factor.negative <= 0)
+    steps, one = solution.stats["num_steps"], jnp.ones((), jnp.int32)
+    return End(solution.value, value, gradient, steps, one, stable, solution.result)
 
 
 def minimised_held(
@@ -95,8 +86,8 @@ def minimised_held(
     max_steps: int,
 ) -> tuple[End, Held]:
     """The minimum of an energy with its quantities at their values; also how it was found. See [`minimised`][]."""
-    bordered = eqx.tree_at(lambda s: s.linear_solver, solver, BorderedSolver(solver.linear_solver))
-    held = relax_held(bordered, lambda e: minimiser_options(e, motions, length), energy, y, multipliers, max_steps)
+    newton = with_parts(solver.core, linear_solver=BorderedSolver(solver.linear_solver))
+    held = relax_held(newton, lambda e: objective_of(e, motions, length), energy, y, multipliers, max_steps)
     result = optx.RESULTS.where(
         held.settled | (held.result != optx.RESULTS.successful), held.result, optx.RESULTS.nonlinear_divergence
     )
@@ -131,17 +122,22 @@ class Folded(eqx.Module):
         return jnp.max(jnp.abs(angles)) > jnp.deg2rad(FOLDED)
 
 
-def minimiser_options(energy: DiscreteEnergy, motions: FreeMotions | None, length: Scalar) -> dict[str, Any]:
-    """What a minimiser is told of an energy beside its value."""
+def objective_of(energy: DiscreteEnergy, motions: FreeMotions | None, length: Scalar) -> Objective:
+    """An energy as a Newton method is told of it."""
     # A shell that only stretches has no narrow valleys.
     bends = energy.faces is not None and energy.faces.form is not None and energy.quantities is None
-    return {
-        "value_and_gradient": energy.value_and_gradient,
-        "derivatives": energy.derivatives,
-        "feasible": Feasible(energy),
-        "motions": motions,
-        "length": length,
-        "hopeless": Folded(energy) if energy.faces is not None and energy.faces.folds else None,
-        "structure": energy.blank_hessian,
-        "apart": (energy.faces_at, energy.derivatives_apart) if bends else None,
-    }
+    return Objective(
+        value_and_gradient=energy.value_and_gradient,
+        derivatives=energy.derivatives,
+        structure=energy.blank_hessian,
+        length=length,
+        feasible=Feasible(energy),
+        motions=motions,
+        mixed=MixedForm(energy.faces_at, energy.derivatives_apart) if bends else None,
+        hopeless=Folded(energy) if energy.faces is not None and energy.faces.folds else None,
+    )
+
+
+def minimiser_options(energy: DiscreteEnergy, motions: FreeMotions | None, length: Scalar) -> dict[str, Any]:
+    """What a minimiser of optimistix is told of an energy beside its value."""
+    return {"objective": objective_of(energy, motions, length)}

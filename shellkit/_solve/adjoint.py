@@ -1,5 +1,6 @@
 """The derivative of a minimum in the parameters of its energy, by the implicit function theorem."""
 
+import functools
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -12,8 +13,7 @@ from .._programs.tracing import frozen
 from .linear.base import AbstractDirectSolver, AbstractSparseSolver, LastFactor
 from .linear.bordered import Bordered, BorderedSolver
 from .matrices.pattern import SymmetricPattern
-from .newton.newton import solve_held
-from .null_space import held_still, project_out
+from .null_space import held_still, project_out, solve_held
 
 
 _RESIDUAL = 1e-13  # at which the solution of the adjoint system is taken as exact
@@ -24,12 +24,18 @@ _MAX_STEPS = 20
 MANY = 3000  # unknowns from which a factorisation costs more than the sweeps with an older one
 
 
+Motions = Callable[[Array], Array]
+Product = Callable[[Array], Array]
+Solver = AbstractSparseSolver | BorderedSolver
+Last = tuple[LastFactor, SymmetricPattern]
+
+
 def differentiable_minimum(
     energy: Any,
     y: Float[Array, " n"],
-    motions: Callable[[Array], Array] | None,
-    linear_solver: AbstractSparseSolver | BorderedSolver,
-    last: tuple[LastFactor, SymmetricPattern] | None = None,
+    motions: Motions | None,
+    linear_solver: Solver,
+    last: Last | None = None,
 ) -> Float[Array, " n"]:
     r"""The minimum `y` of `energy`, with the derivative that it has as a function of the arrays in `energy`.
 
@@ -56,12 +62,14 @@ def differentiable_minimum(
 
 
 @eqx.filter_custom_jvp
-def _minimum(energy, y, motions, linear_solver, last):
+def _minimum(
+    energy: Any, y: Float[Array, " n"], motions: Motions | None, linear_solver: Solver, last: Last | None
+) -> Float[Array, " n"]:
     return y
 
 
 @_minimum.def_jvp
-def _(primals, tangents):
+def _(primals: tuple[Any, ...], tangents: tuple[Any, ...]) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
     energy, _, motions, linear_solver, last = primals
     tangent = tangents[0]
     still, moving = eqx.partition(energy, jax.tree.map(_is_none, tangent, is_leaf=_is_none), is_leaf=_is_none)
@@ -75,7 +83,14 @@ def _is_none(leaf: Any) -> bool:
     return leaf is None
 
 
-def _solve(energy, y, force, motions, linear_solver, last) -> Float[Array, " n"]:
+def _solve(
+    energy: Any,
+    y: Float[Array, " n"],
+    force: Float[Array, " n"],
+    motions: Motions | None,
+    linear_solver: Solver,
+    last: Last | None,
+) -> Float[Array, " n"]:
     """H(y)^+ force, linear in the force; the Hessian enters through its products, so the result can be differentiated
     again."""
     product = lambda direction: jax.jvp(energy.gradient, (y,), (direction,))[1]
@@ -83,7 +98,7 @@ def _solve(energy, y, force, motions, linear_solver, last) -> Float[Array, " n"]
     hessian = frozen(energy).hessian(there)
     still, basis, _ = held_still(hessian, motions, there)
 
-    def anew(rhs):
+    def anew(rhs: Float[Array, " n"]) -> Float[Array, " n"]:
         """With a factor of this very Hessian, in a step or two."""
         factor, first = linear_solver.factorise_and_solve(still, rhs)
         first = project_out(basis, first)
@@ -97,7 +112,7 @@ def _solve(energy, y, force, motions, linear_solver, last) -> Float[Array, " n"]
         iterate = _refinement if isinstance(hessian, Bordered) else _conjugate_gradients
         return iterate(hessian.mv, precondition, rhs, first, _MAX_STEPS).checked()
 
-    def with_last(rhs):
+    def with_last(last: Last, rhs: Float[Array, " n"]) -> Float[Array, " n"]:
         """With the last one, unless that takes longer."""
         left, pattern = last
         factor = left.factor(pattern)
@@ -105,7 +120,7 @@ def _solve(energy, y, force, motions, linear_solver, last) -> Float[Array, " n"]
         found = _conjugate_gradients(hessian.mv, precondition, rhs, precondition(rhs), _patience(len(rhs)))
         return jax.lax.cond(found.solved, lambda: found.x, lambda: anew(rhs))
 
-    solve = anew if last is None else with_last
+    solve = anew if last is None else functools.partial(with_last, last)
     return jax.lax.custom_linear_solve(product, force, lambda _, b: solve(project_out(basis, b)), symmetric=True)
 
 
@@ -129,12 +144,14 @@ class _Iterate(NamedTuple):
         return jnp.where(self.solved | (self.norm <= _WORST_RESIDUAL * self.scale), self.x, jnp.nan)
 
 
-def _conjugate_gradients(product, precondition, rhs: Array, first: Array, max_steps: int) -> _Iterate:
+def _conjugate_gradients(
+    product: Product, precondition: Product, rhs: Float[Array, " n"], first: Float[Array, " n"], max_steps: int
+) -> _Iterate:
     """Solve with a preconditioner that is nearly the inverse, `first` being what it makes of the right-hand side; as
     long as no more than `max_steps` steps seem to be needed."""
     scale = jnp.linalg.norm(rhs)
 
-    def step(carry):
+    def step(carry: tuple[Any, ...]) -> tuple[Any, ...]:
         x, residual, z, direction, norm, _, total, last, _, count = carry
         image = product(direction)
         rho = residual @ z
@@ -157,7 +174,7 @@ def _conjugate_gradients(product, precondition, rhs: Array, first: Array, max_st
         beta = length * (-new @ image) / rho
         return x, residual, new, new + beta * direction, size, hopeful, total, gone, solved, count + 1
 
-    def unsolved(carry):
+    def unsolved(carry: tuple[Any, ...]) -> Bool[Array, ""]:
         *_, hopeful, _, _, solved, count = carry
         return ~solved & hopeful & (count < max_steps)
 
@@ -167,11 +184,13 @@ def _conjugate_gradients(product, precondition, rhs: Array, first: Array, max_st
     return _Iterate(x, norm, scale, solved)
 
 
-def _refinement(product, precondition, rhs: Array, first: Array, max_steps: int) -> _Iterate:
+def _refinement(
+    product: Product, precondition: Product, rhs: Float[Array, " n"], first: Float[Array, " n"], max_steps: int
+) -> _Iterate:
     """Solve with what is nearly the inverse of any matrix, by taking its residuals away; see `_conjugate_gradients`."""
     scale = jnp.linalg.norm(rhs)
 
-    def step(carry):
+    def step(carry: tuple[Any, ...]) -> tuple[Any, ...]:
         x, residual, norm, _, count = carry
         new = x + jax.lax.cond(count > 0, precondition, lambda _: first, residual)
         left = rhs - product(new)
@@ -179,7 +198,7 @@ def _refinement(product, precondition, rhs: Array, first: Array, max_steps: int)
         better = size < norm
         return jnp.where(better, new, x), jnp.where(better, left, residual), jnp.minimum(size, norm), norm, count + 1
 
-    def unsolved(carry):
+    def unsolved(carry: tuple[Any, ...]) -> Bool[Array, ""]:
         *_, norm, last, count = carry
         return (norm > _RESIDUAL * scale) & (norm < 0.5 * last) & (count < max_steps)
 

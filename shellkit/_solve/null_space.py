@@ -6,13 +6,14 @@ pseudo-inverse.
 """
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from .linear.bordered import Bordered
+from .linear.base import Factor
+from .linear.bordered import Bordered, BorderedFactor
 from .matrices.operator import SparseSymmetric
 
 
@@ -48,6 +49,26 @@ def _inverse_root(sizes: Float[Array, " k"]) -> Float[Array, " k"]:
 def project_out(basis: Float[Array, "n k"] | None, vector: Float[Array, " n"]) -> Float[Array, " n"]:
     """The part of a vector orthogonal to an orthonormal basis; all of it if there is no basis."""
     return vector if basis is None else vector - basis @ (basis.T @ vector)
+
+
+def solve_held(
+    linear_solver: Any,
+    factor: Factor | BorderedFactor,
+    basis: Float[Array, "n k"] | None,
+    rhs: Float[Array, " n"],
+    checked: bool = True,
+) -> Float[Array, " n"]:
+    """Apply the pseudo-inverse, off the motions in `basis`, by the factor of a matrix with springs on as many
+    coordinates.
+
+    **Arguments:**
+
+    - `linear_solver`: that made the factor: of sparse matrices, or of bordered ones.
+    - `factor`, `basis`: the factor, and an orthonormal basis of the motions that cost nothing; `None` without any.
+    - `rhs`: the right-hand side.
+    - `checked`: see [`AbstractSparseSolver.solve`][].
+    """
+    return project_out(basis, linear_solver.solve(factor, project_out(basis, rhs), checked))
 
 
 def coordinates_to_hold(basis: Float[Array, "n k"]) -> Int[Array, " k"]:

@@ -11,8 +11,7 @@ from jaxtyping import Array, Float
 from .._programs.tracing import frozen
 from .linear.base import AbstractSparseSolver
 from .linear.bordered import BorderedSolver
-from .newton.newton import solve_held
-from .null_space import held_still
+from .null_space import held_still, solve_held
 
 
 def responding_minimum(

@@ -14,7 +14,8 @@ from shellkit._solve.linear.base import AbstractSparseSolver
 
 
 PAPERS = {name: value for name, value in vars(_papers).items() if name.isupper()}
-KINDS = (AbstractEnergy, sk.Actuation, sk.Loss, sk.Aligner, AbstractSparseSolver, sk.SparseNewton, sk.InverseProblem)
+NEWTON = (sk.SparseNewton, sk.Shift, sk.LineSearch, sk.Corrections, sk.SaddleEscape, sk.MixedSteps)
+KINDS = (AbstractEnergy, sk.Actuation, sk.Loss, sk.Aligner, AbstractSparseSolver, *NEWTON, sk.InverseProblem)
 PARTS = [value for value in vars(sk).values() if isinstance(value, type) and issubclass(value, KINDS)]
 
 
@@ -42,7 +43,7 @@ def test_papers_of_the_parts_in_use():
     text = shell.citation()
     assert set(keys(text)) == {
         *("bradbury2018jax", "kidger2021equinox", "rader2024optimistix", "nocedal2006numerical", "gill1981practical"),
-        *("teran2005robust", "magisano2017improve"),
+        *("teran2005robust", "magisano2017improve", "knyazev2001toward"),
         *("chen2018physical", "weischedel2012discrete", "aharoni2014geometry", "vanrees2017growth"),
         *("grinspun2003discrete", "kabsch1976solution", "demmel1999supernodal"),
     }

@@ -8,6 +8,8 @@ import pytest
 
 import shellkit as sk
 from shellkit._solve.matrices.pattern import SymmetricPattern
+from shellkit._solve.newton.objective import Objective
+from shellkit._solve.newton.plain import PlainNewton
 from shellkit._solve.null_space import coordinates_to_hold, orthonormal
 
 
@@ -79,6 +81,40 @@ def test_energy_that_is_not_finite_does_not_claim_success():
 def test_without_a_hessian_the_remedy_is_named():
     with pytest.raises(ValueError, match="BFGS"):
         optx.minimise(lambda y, _: jnp.sum(y**2), sk.SparseNewton(), jnp.ones(2))
+
+
+def convex(y):
+    return jnp.sum(jnp.cosh(y - jnp.arange(3.0))) + (y[0] - y[1]) ** 2
+
+
+def state_of(newton, function, start):
+    start = jnp.asarray(start, dtype=float)
+    objective = Objective.from_options(
+        lambda y, _: (function(y), None), None, {"hessian": dense_hessian(function, start.size)}
+    )
+    return newton.minimise(objective, start, 100)
+
+
+def test_the_core_and_its_adapter_are_one_method():
+    state, steps = state_of(sk.SparseNewton().core, rosenbrock, [-1.2, 1.0])
+    solution = minimise(rosenbrock, [-1.2, 1.0])
+    assert state.result == solution.result and int(steps) == int(solution.stats["num_steps"])
+    np.testing.assert_array_equal(state.point.y, solution.value)
+
+
+def test_where_nothing_goes_wrong_the_plain_method_takes_the_same_steps():
+    start = [2.0, -1.0, 0.5]
+    whole, plain = (state_of(s.core, convex, start) for s in (sk.SparseNewton(), PlainNewton(sk.SparseNewton())))
+    assert plain[0].done and int(plain[1]) == int(whole[1])
+    np.testing.assert_allclose(plain[0].point.y, whole[0].point.y, atol=1e-15)
+
+
+def test_the_plain_method_stops_where_the_whole_one_has_to_go_on():
+    start = [-1.2, 1.0]
+    plain, steps = state_of(PlainNewton(sk.SparseNewton()).core, rosenbrock, start)
+    assert plain.stuck and not plain.done
+    whole, more = state_of(sk.SparseNewton().core, rosenbrock, plain.point.y)
+    assert whole.done and int(steps) - 1 + int(more) == int(state_of(sk.SparseNewton().core, rosenbrock, start)[1])
 
 
 @pytest.mark.parametrize("solver", [sk.Pardiso, sk.Cholmod, sk.SuperLU])

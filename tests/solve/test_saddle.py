@@ -3,9 +3,10 @@
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+import optimistix as optx
 
 import shellkit as sk
-from shellkit._solve.newton.saddle import away_from_saddle
+from shellkit._solve.matrices.pattern import SymmetricPattern
 
 
 class Springs(sk.EnergyTerm):
@@ -28,12 +29,13 @@ def test_the_way_off_a_saddle_is_soft_and_downhill():
     turn = np.linalg.qr(random.normal(size=(40, 40)))[0]
     convex = turn @ np.diag(np.r_[0.1, np.linspace(1, 50, 39)]) @ turn.T
     inverse, gradient = jnp.asarray(np.linalg.inv(convex)), jnp.asarray(turn[:, 0] + turn[:, 30])
-    found = np.asarray(away_from_saddle(lambda v: convex @ v, lambda v: inverse @ v, gradient, jnp.asarray(0.25)))
+    escape = sk.SaddleEscape()
+    found = np.asarray(escape.direction(lambda v: convex @ v, lambda v: inverse @ v, gradient, jnp.asarray(0.25)))
     softest = -turn[:, 0] / np.max(np.abs(turn[:, 0]))
     np.testing.assert_allclose(found, 0.25 * softest, atol=1e-6)
 
 
-def chosen(lowest, softest, gradient):
+def chosen(lowest, softest, gradient, escape=sk.SaddleEscape()):
     """The step of a Hessian with these two eigenvalues below all others, a convex model with 3 for the first of them,
     and its curvature in proportion to the model's."""
     turn = np.linalg.qr(np.random.default_rng(0).normal(size=(40, 40)))[0]
@@ -41,7 +43,7 @@ def chosen(lowest, softest, gradient):
     convex = hessian + turn @ np.diag(np.r_[3.0 - lowest, np.zeros(39)]) @ turn.T
     inverse = jnp.asarray(np.linalg.inv(convex))
     slope = jnp.asarray(gradient * turn[:, 0])
-    step = np.asarray(away_from_saddle(lambda v: hessian @ v, lambda v: inverse @ v, slope, jnp.asarray(1.0)))
+    step = np.asarray(escape.direction(lambda v: hessian @ v, lambda v: inverse @ v, slope, jnp.asarray(1.0)))
     return step, (step @ hessian @ step) / (step @ convex @ step)
 
 
@@ -58,6 +60,32 @@ def test_it_is_the_lowest_direction_where_the_energy_falls_most():
 def test_a_weak_instability_is_followed_only_once_forces_balance():
     assert np.isclose(chosen(-0.5, 2.0, 0.1)[1], 1.0, rtol=1e-2)
     assert np.isclose(chosen(-0.5, 2.0, 1e-12)[1], -0.5 / 3, rtol=1e-3)
+    # What is balance, and what is rounding, is up to its numbers.
+    assert np.isclose(chosen(-0.5, 2.0, 0.1, sk.SaddleEscape(balance=10.0))[1], -0.5 / 3, rtol=1e-3)
+    ways = [chosen(-2.0, 1e-3, gradient, sk.SaddleEscape(slope=10.0))[0] for gradient in (-0.1, 0.1)]
+    np.testing.assert_allclose(*ways, rtol=1e-9)
+
+
+def from_the_saddle(**parts):
+    """The minimum of x² - y² + y⁴ from the origin, where no force acts; it is at (0, ±½√2)."""
+    pattern = SymmetricPattern.of(np.arange(2), np.arange(2), 2)[0]
+    hessian = lambda y: sk.SparseSymmetric(pattern, jnp.stack([jnp.asarray(2.0), -2 + 12 * y[1] ** 2]))
+    return optx.minimise(
+        lambda y, _: y[0] ** 2 - y[1] ** 2 + y[1] ** 4,
+        sk.SparseNewton(**parts),
+        jnp.zeros(2),
+        options={"hessian": hessian},
+        throw=False,
+    )
+
+
+def test_a_saddle_is_left_for_the_minimum_and_not_without_an_escape():
+    found = from_the_saddle()
+    assert found.result == optx.RESULTS.successful
+    np.testing.assert_allclose(np.abs(found.value), [0, np.sqrt(0.5)], atol=1e-12)
+    stays = from_the_saddle(saddle_escape=None)
+    assert stays.result != optx.RESULTS.successful
+    np.testing.assert_array_equal(stays.value, np.zeros(2))
 
 
 def test_compressed_springs_grow_a_sphere_at_once():

@@ -9,13 +9,14 @@ done again."""
 import functools
 import hashlib
 import os
-from collections.abc import Mapping
-from typing import ClassVar
+from collections.abc import Callable, Mapping, Sequence
+from types import ModuleType
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int, UInt64
 
 from ..._citation.papers import SCHENK_2004
 from ..matrices.operator import SparseSymmetric, symmetric_product
@@ -32,6 +33,7 @@ _DEFAULTS = {
     23: 1,  # two-level scheduling, for several threads
     20: 0,  # pivots are single: a third faster than in pairs, and definite matrices need no more
 }
+Options = tuple[tuple[int, int], ...]
 # A factor of the right matrix leaves a residual of a few roundings; one of another matrix does not.
 _BACKWARD_ERROR = 1e-13
 
@@ -53,7 +55,7 @@ class Pardiso(AbstractDirectSolver):
     """
 
     papers: ClassVar[tuple[str, ...]] = (SCHENK_2004,)
-    options: tuple[tuple[int, int], ...] = eqx.field(static=True)
+    options: Options = eqx.field(static=True)
 
     def __init__(self, options: Mapping[int, int] | None = None):
         """**Arguments:**
@@ -97,7 +99,7 @@ _MKL_DOMAIN_PARDISO = 4
 
 
 @functools.cache
-def _library():
+def _library() -> ModuleType:
     """The library's calls, on one thread unless the environment says otherwise.
 
     MKL's threads wait for each other in busy loops: on a machine that anything else runs on, two of them were up to
@@ -110,14 +112,21 @@ def _library():
     return primitive
 
 
-def _key(pattern: SymmetricPattern, options: tuple[tuple[int, int], ...]) -> Array:
+def _key(pattern: SymmetricPattern, options: Options) -> UInt64[Array, "..."]:
     """What the library files the factor of this pattern under. Different options are different factors."""
     salt = int.from_bytes(hashlib.blake2b(repr(options).encode(), digest_size=8).digest(), "little")
     low, high = pattern.fingerprint[..., 0], pattern.fingerprint[..., 1]
     return (low.astype(jnp.uint64) | (high.astype(jnp.uint64) << jnp.uint64(32))) ^ jnp.uint64(salt)
 
 
-def _call(phases, options, key, pattern: SymmetricPattern, values, rhs):
+def _call(
+    phases: str,
+    options: Options,
+    key: UInt64[Array, ""],
+    pattern: SymmetricPattern,
+    values: Float[Array, " nnz"],
+    rhs: Float[Array, "k n"],
+) -> tuple[Float[Array, "k n"], Int[Array, " _"]]:
     """One of the library's stateful calls, under our own key: the solution, the final iparm."""
     primitive = _library()
     token = primitive.FactorizationToken(key, jnp.zeros((), jnp.int32))
@@ -128,9 +137,13 @@ def _call(phases, options, key, pattern: SymmetricPattern, values, rhs):
 
 
 @functools.cache
-def _factorise(options):
+def _factorise(options: Options) -> Callable[..., tuple[Array, Array]]:
+    """The factorisation with these options, of one matrix at a time: the solution and the final iparm."""
+
     @jax.custom_batching.sequential_vmap
-    def factorise(key, pattern, values, rhs):
+    def factorise(
+        key: UInt64[Array, ""], pattern: SymmetricPattern, values: Float[Array, " nnz"], rhs: Float[Array, " n"]
+    ) -> tuple[Float[Array, " n"], Int[Array, " _"]]:
         solution, iparm = _call("factor_and_solve_stateful", options, key, pattern, values, rhs[None])
         return solution[0], iparm
 
@@ -138,9 +151,13 @@ def _factorise(options):
 
 
 @functools.cache
-def _solve(options, checked: bool):
+def _solve(options: Options, checked: bool) -> Callable[..., Array]:
+    """The solution with a factor made with these options, for k right-hand sides."""
+
     @jax.custom_batching.sequential_vmap
-    def each(key, pattern, values, rhs):
+    def each(
+        key: UInt64[Array, ""], pattern: SymmetricPattern, values: Float[Array, " nnz"], rhs: Float[Array, "k n"]
+    ) -> Float[Array, "k n"]:
         solution, _ = _call("solve_stateful", options, key, pattern, values, rhs)
         # One product checks all of them: their sum, each brought to size one.
         sizes = jnp.max(jnp.abs(solution), axis=1)
@@ -155,13 +172,22 @@ def _solve(options, checked: bool):
         )
 
     @jax.custom_batching.custom_vmap
-    def solve(key, pattern, values, rhs):
+    def solve(
+        key: UInt64[Array, ""], pattern: SymmetricPattern, values: Float[Array, " nnz"], rhs: Float[Array, "k n"]
+    ) -> Float[Array, "k n"]:
         if checked:
             return each(key, pattern, values, rhs)
         return _call("solve_stateful", options, key, pattern, values, rhs)[0]
 
     @solve.def_vmap
-    def _(axis_size, batched, key, pattern, values, rhs):
+    def _(
+        axis_size: int,
+        batched: Sequence[Any],
+        key: UInt64[Array, "..."],
+        pattern: SymmetricPattern,
+        values: Float[Array, "... nnz"],
+        rhs: Float[Array, "... k n"],
+    ) -> tuple[Float[Array, "b k n"], Any]:
         *matrix_batched, rhs_batched = batched
         if not any(jax.tree_util.tree_leaves(matrix_batched)):
             stacked = solve(key, pattern, values, rhs.reshape(-1, rhs.shape[-1]))
