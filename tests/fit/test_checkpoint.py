@@ -16,7 +16,8 @@ import optax
 import pytest
 
 import shellkit
-from shellkit._fit.checkpoint import load_checkpoint
+from shellkit._fit.checkpoint import Checkpoint, load_checkpoint
+from shellkit._fit.choices import WarmStart
 from shellkit._fit.fit import fit
 
 
@@ -121,7 +122,7 @@ def test_load_checkpoint(make_quadratic, angle, tmp_path):
         ({"start": 0.5}, "start.actuation.angle"),
         ({"optimiser": optax.sgd(0.1)}, "optimiser.0.mu.actuation.angle: .* absent here"),
         ({"where": lambda p: p.weight}, "trained.weight: absent in the checkpoint"),
-        ({"warm_start": "last"}, "choices.warm_start: rest in the checkpoint, last here"),
+        ({"warm_start": WarmStart()}, "choices.warm_start: rest in the checkpoint, last here"),
     ],
 )
 def test_another_fit_is_refused_and_the_difference_named(make_quadratic, angle, tmp_path, change, message):
@@ -169,7 +170,7 @@ def test_damage_is_noticed(make_quadratic, angle, tmp_path, damage):
 def test_a_crash_while_writing_leaves_the_older_one(make_quadratic, angle, tmp_path, monkeypatch, broken):
     path = tmp_path / "run"
     run = lambda steps: fit(
-        make_quadratic(), optax.adam(0.1), steps=steps, where=angle, checkpoint=path, checkpoint_every=1
+        make_quadratic(), optax.adam(0.1), steps=steps, where=angle, checkpoint=Checkpoint(path, every=1)
     )
     run(4)
     before = path.read_bytes()

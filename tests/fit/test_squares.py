@@ -13,11 +13,12 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 import shellkit as sk
+from shellkit._fit.choices import Refuse
 from shellkit._fit.design import split
 from shellkit._fit.fit import fit
-from shellkit._fit.methods.damping import Damped, Dogleg, Undamped
 from shellkit._fit.methods.gauss_newton import Model, Plan, dense_model, krylov_model
 from shellkit._fit.methods.least_squares import jacobian
+from shellkit._fit.methods.rules import DoglegRadius, NielsenDamping, StepHalving
 
 
 LEVENBERG = optx.LevenbergMarquardt(rtol=1e-9, atol=1e-9)
@@ -126,8 +127,8 @@ def test_a_rise_that_is_allowed_leads_over_an_edge(make):
     # At the edge the loss is 16 exp(-2.9); the first step beyond it, at a = 2, doubles that of the step before.
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "fit: stopped", UserWarning)
-        assert run().best_loss >= 16 * np.exp(-2.9) and run(max_rise=0.5).best_loss >= 16 * np.exp(-2.9)
-    assert run(max_rise=2.0).best_loss < 1e-6
+        assert run().best_loss >= 16 * np.exp(-2.9) and run(refuse=Refuse(rise=0.5)).best_loss >= 16 * np.exp(-2.9)
+    assert run(refuse=Refuse(rise=2.0)).best_loss < 1e-6
 
 
 def test_failed_relaxations_are_refused_with_more_damping():
@@ -189,19 +190,19 @@ def a_model(m, n, krylov, tolerance=0.0, products=200, damping=0.0):
 def test_steps_of_the_model_are_those_of_the_whole_jacobian(krylov, m, n):
     jacobian, residuals, model = a_model(m, n, krylov)
     for damping in (1e-3, 1.0, 100.0):
-        coefficients = Damped().step(model, damping)
+        coefficients = NielsenDamping().step(model, damping)
         step = coefficients @ np.asarray(model.directions)
         exact = np.linalg.solve(jacobian.T @ jacobian + damping * np.eye(n), -jacobian.T @ residuals)
         np.testing.assert_allclose(step, exact, rtol=1e-8, atol=1e-10)
         promised = residuals @ residuals - np.sum((residuals + jacobian @ exact) ** 2)
         assert model.reduction(coefficients) == pytest.approx(promised, rel=1e-8)
-    newton = Undamped().step(model, 1.0) @ np.asarray(model.directions)
+    newton = StepHalving().step(model, 1.0) @ np.asarray(model.directions)
     np.testing.assert_allclose(newton, -np.linalg.pinv(jacobian) @ residuals, rtol=1e-8, atol=1e-10)
 
 
 def test_a_space_cut_short_is_accurate_for_its_damping():
     jacobian, residuals, model = a_model(60, 50, True, tolerance=1e-3, damping=30.0)
-    step = Damped().step(model, 30.0) @ np.asarray(model.directions)
+    step = NielsenDamping().step(model, 30.0) @ np.asarray(model.directions)
     left = jacobian.T @ (jacobian @ step + residuals) + 30.0 * step
     assert int(model.products) < 40
     assert np.linalg.norm(left) <= 1.001e-3 * np.linalg.norm(jacobian.T @ residuals)
@@ -209,7 +210,7 @@ def test_a_space_cut_short_is_accurate_for_its_damping():
 
 def test_the_dogleg_has_the_length_it_is_given():
     model = Model(jnp.eye(3), jnp.array([3.0, 1.0, 0.1]), jnp.array([1.0, 1.0, 1.0]), jnp.asarray(3, jnp.int32))
-    newton, rule = np.array([1 / 3, 1.0, 10.0]), Dogleg()
+    newton, rule = np.array([1 / 3, 1.0, 10.0]), DoglegRadius()
     for length in (1e-3, 0.3, 1.0, 5.0):
         assert np.linalg.norm(rule.step(model, length)) == pytest.approx(length)
     np.testing.assert_allclose(rule.step(model, 11.0), newton)
