@@ -3,6 +3,7 @@
 import importlib.util
 import os
 import random
+import shutil
 import subprocess
 import sys
 import time
@@ -94,6 +95,22 @@ def test_is_written_when_a_fit_breaks_off(make_quadratic, angle, tmp_path, error
             run(stop)
     assert load_checkpoint(tmp_path / "run", make_quadratic()).history.steps == 4
     same(run(), fit(make_quadratic(), optax.adam(0.1), steps=9, where=angle))
+
+
+@pytest.mark.parametrize("name", ["adam", "warm"])
+def test_one_of_the_last_release_is_resumed(make_quadratic, make_wells, angle, tmp_path, name):
+    """Written after four steps, before a fit was told of its choices by modules."""
+    make, optimiser, options = {
+        "adam": (make_quadratic, optax.adam(0.1), {}),
+        "warm": (lambda: make_wells(0.3, 1.3), optax.adam(0.05), {"warm_start": WarmStart("predicted", check_every=3)}),
+    }[name]
+    kept = Path(__file__).parent / "kept" / name
+    shutil.copy(kept, tmp_path / "run")
+    run = lambda **more: fit(make(), optimiser, steps=8, where=angle, **options, **more)
+    resumed, straight = run(checkpoint=tmp_path / "run"), run()
+    assert resumed.history["seconds"][3] == load_checkpoint(kept, make()).history["seconds"][3]
+    for column in set(straight.history) - {"seconds", "warm_gap", "relaxation_gradient_norm"}:
+        np.testing.assert_allclose(resumed.history[column], straight.history[column], rtol=1e-9)
 
 
 def test_load_checkpoint(make_quadratic, angle, tmp_path):

@@ -225,7 +225,6 @@ def test_where_must_pick_trainable_arrays(make_quadratic, where, message):
         (lambda: Stop(tolerance=-1.0), "tolerance must not be negative"),
         (lambda: Stop(seconds=0.0), "seconds must be positive"),
         (lambda: Checkpoint("run", every=0), "every must be a whole number"),
-        (lambda: WarmStart("rest"), "guess must be 'last' or 'predicted'; got 'rest'"),
         (lambda: WarmStart(check_every=0), "check_every must be a whole number"),
         (lambda: Refuse(most=-1), "most must be a whole number, at least 0"),
         (lambda: Refuse(rise=-0.1), "rise must not be negative"),
