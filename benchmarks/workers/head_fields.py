@@ -58,8 +58,8 @@ def _along_training(problem: sk.InverseProblem, count: int) -> list[sk.InversePr
         where=director_angles,
         callbacks=[keep],
         progress=False,
-        warm_start="last",
-        max_rise=0.1,
+        warm_start=sk.WarmStart(),
+        refuse=sk.Refuse(rise=0.1),
     )
     return met
 
