@@ -111,7 +111,7 @@ def test_a_relaxation_is_compiled_once_for_a_kind_of_scene():
     ids=["least squares", "taylor", "identifiability", "distinct", "relax", "follow", "grad"],
 )
 def test_whoever_relaxes_uses_the_same_program(use, monkeypatch):
-    import shellkit._forward as forward
+    import shellkit._relaxation.forward as forward
 
     traced = []
     minimised = forward.minimised

@@ -52,6 +52,9 @@ REFINABLE = {
     "name",
     "director_fields",
     "engaged",
+    "accept",
+    "refuse",
+    "arrived",
 }
 
 
