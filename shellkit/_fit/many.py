@@ -16,7 +16,7 @@ from jaxtyping import PyTree
 
 from . import checkpoint as _checkpoint
 from .checkpoint import Checkpoint
-from .design import Bounds, Named, selected, split_at
+from .design import Bounds, Named, selected, split
 from .fit import as_method, fit
 from .history import FitResult
 from .methods.base import Method
@@ -191,21 +191,15 @@ class _Task:
     def send(self) -> FitResult:
         """The result with only its trained arrays in place of problems: what can be sent back by any executor."""
         result = self.run()
-        trained = lambda problem: {name: np.asarray(x) for name, x in self._split(problem)[1].items()}
+        trained = lambda problem: jax.tree.map(np.asarray, split(problem, self.options["where"])[1])
         best, last = trained(result.problem), trained(result.last_problem)
         return replace(result, problem=best, last_problem=last, equilibrium=None, state=None)
 
     def receive(self, sent: FitResult) -> FitResult:
         """A result that was sent back, with its problems."""
-        design, _ = self._split(self.problem())
+        design, _ = split(self.problem(), self.options["where"])
         whole = lambda trained: design.problem(jax.tree.map(jax.numpy.asarray, trained))
         return replace(sent, problem=whole(sent.problem), last_problem=whole(sent.last_problem))
-
-    def _split(self, problem: Any) -> tuple[Any, dict[str, Any]]:
-        where = self.options["where"]
-        if where is None:
-            return split_at(problem, selected(problem, lambda p: p.actuation, "where=None", inexact_only=True))
-        return split_at(problem, where.names)
 
 
 def _start(folder: Any, number: int) -> Checkpoint | None:

@@ -211,3 +211,12 @@ def test_processes(monkeypatch, tmp_path):
 def test_options_that_do_not_fit(problems, options, message):
     with pytest.raises(ValueError, match=message):
         fit_many(problems, optx.LevenbergMarquardt(1e-3, 1e-3), steps=2, where=trained, **options)
+
+
+def test_from_workers_all_of_the_actuation_is_trained_as_well():
+    """Without `where`, results that were sent back are those found here."""
+    many = fit_many([2, 4], SGD, steps=4, make=well, executor=ThreadPoolExecutor(1))
+    exact = fit_many([2, 4], SGD, steps=4, make=well)
+    for found, here in zip(many.results, exact.results, strict=True):
+        np.testing.assert_array_equal(found.problem.actuation, here.problem.actuation)
+        np.testing.assert_array_equal(found.history["loss"], here.history["loss"])

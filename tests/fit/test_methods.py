@@ -8,6 +8,7 @@ import optax
 import pytest
 
 import shellkit as sk
+from shellkit._fit.fit import as_method
 
 
 class HeavyBall(sk.Method):
@@ -116,6 +117,6 @@ def test_a_method_without_gradients(make_quadratic, tmp_path):
     np.testing.assert_array_equal(run(15, checkpoint=tmp_path / "run").history["loss"], result.history["loss"])
 
 
-def test_what_is_no_method(make_quadratic, angle):
-    with pytest.raises(Exception, match="method"):
-        sk.fit(make_quadratic(), 0.1, steps=1, where=angle)
+def test_what_is_no_method():
+    with pytest.raises(ValueError, match=r"method must be an optimiser of optax.*got 0\.1"):
+        as_method(0.1, stacklevel=1)
