@@ -258,8 +258,7 @@ class Loop:
         scalars = (found.loss, found.terms, found.diagnostics)
         loss, terms, others = jax.tree.map(lambda x: x.item(), jax.device_get(scalars))
         tried = Tried(found, loss, terms, others, start, course, refused)
-        result = None if found.equilibrium is None else found.equilibrium.result
-        return tried, objection(self.refuse, loss, others, result) or _not_finite(found)
+        return tried, objection(self.refuse, loss, others, found.equilibrium) or _not_finite(found)
 
     def _judged(self, tried: Tried) -> tuple[Tried, str | None]:
         """A sound design with the answer of the method, and what is wrong with the gradient if there is one."""
@@ -320,10 +319,10 @@ def with_terms(loss: float, terms: Mapping[str, float], row: Mapping[str, Scalar
     return {"loss": loss, **terms, **row}
 
 
-def objection(refuse: Refuse, loss: float, diagnostics: Mapping[str, Any], result: Any = None) -> str | None:
-    """What is wrong with a design by its scalars, if anything is."""
+def objection(refuse: Refuse, loss: float, diagnostics: Mapping[str, Any], equilibrium: Any = None) -> str | None:
+    """What is wrong with a design by its scalars, if anything is; the equilibrium says why it did not converge."""
     if refuse.unconverged and not diagnostics.get("converged", True):
-        left, why = diagnostics["relaxation_gradient_norm"], "" if result is None else f"; {result}"
+        left, why = diagnostics["relaxation_gradient_norm"], "" if equilibrium is None else f"; {equilibrium.result}"
         return f"the relaxation did not converge (|∇E| = {left:.3g}{why})"
     return None if np.isfinite(loss) else f"the loss is {loss}"
 
