@@ -1,28 +1,12 @@
 """The command line: `python -m benchmarks NAME …` from the root of the repository."""
 
 import argparse
-import importlib
 import os
 import sys
 
-from . import report
+from . import results, tables
 from .case import run
-
-
-NAMES = (
-    "whole_job",
-    "design_step",
-    "relaxation",
-    "head_fields",
-    "scaling",
-    "gradient_cost",
-    "energy_kernel",
-    "pricing",
-    "training",
-    "surface_losses",
-    "platforms",
-    "accuracy",
-)
+from .questions import NAMES, module
 
 
 def _options() -> argparse.Namespace:
@@ -30,6 +14,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("names", nargs="+", metavar="NAME", choices=(*NAMES, "all"), help=f"{', '.join(NAMES)}, or all")
     parser.add_argument("--quick", action="store_true", help="small cases only; the results lie apart")
     parser.add_argument("--only", default="", metavar="TEXT", help="only cases so labelled; others are kept")
+    parser.add_argument("--list", action="store_true", help="name the cases, and measure none")
     parser.add_argument("--threads", type=int, default=len(os.sched_getaffinity(0)), help="cores for each case")
     parser.add_argument(
         "--peer-python",
@@ -42,19 +27,29 @@ def _options() -> argparse.Namespace:
 
 def _benchmark(name: str, options: argparse.Namespace) -> bool:
     """Run the cases asked for; each is stored as soon as it is done, among those measured earlier."""
-    benchmark = importlib.import_module(f"benchmarks.{name}")
+    benchmark = module(name)
     cases = benchmark.cases(options.quick)
-    known = {row["label"]: row for row in report.load(name, options.quick)}
-    fine = True
+    summary = getattr(benchmark, "summary", lambda row, raw: results.compact(row))
+    rows = {row["label"]: row for row in results.load(name, options.quick)}
+    raw = {} if options.quick else results.load_raw(name)
+    measured = []
     for case in cases:
-        if options.only in case.label:
-            print(f"{name}: {case.label} …", end=" ", flush=True)
-            known[case.label] = row = run(case, options.threads, options.peer_python)
-            print(report.missing(row) or "done", flush=True)
-            fine = fine and "failed" not in row
-            rows = [known[other.label] for other in cases if other.label in known]
-            report.store(name, options.quick, rows, benchmark.page)
-    return fine
+        if options.only not in case.label:
+            continue
+        print(f"{name}: {case.label}", end="\n" if options.list else " … ", flush=True)
+        if options.list:
+            continue
+        raw[case.label] = row = run(case, options.threads, options.peer_python)
+        print(tables.missing(row) or "done", flush=True)
+        measured.append(case.label)
+        # Of all of this run: what they are compared with may have come last.
+        rows |= {label: summary(raw[label], raw) for label in measured}
+        results.store(name, [rows[other.label] for other in cases if other.label in rows], options.quick)
+        if not options.quick:
+            results.store_raw(name, raw)
+    if options.quick and measured:
+        print(benchmark.page(results.load(name, quick=True)))
+    return not any("failed" in rows[label] or rows[label].get("untrue") for label in measured)
 
 
 def main() -> None:

@@ -10,24 +10,23 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from . import meshes
-from .machine import describe
+from . import conditions, meshes
 
 
-ROOT = Path(__file__).parent.parent
 Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
 class Case:
-    """A call of `benchmarks.workers.<worker>.measure(**arguments)` in a process of its own.
+    """A call of a function of `benchmarks.<module>` with arguments, in a process of its own.
 
-    An argument called `mesh` is the name of a mesh, and reaches the worker as the path of its file.
+    An argument called `mesh` is the name of a mesh, and reaches the function as the path of its file.
     """
 
     label: str
-    worker: str
+    module: str
     arguments: dict[str, Any] = field(default_factory=dict)
+    function: str = "measure"
     of_peer: bool = False
     threads: int | None = None  # None: what the command line says
     needs_gb: float = 1.0
@@ -37,14 +36,15 @@ class Case:
 
 
 def run(case: Case, threads: int, peer_python: str | None) -> Row:
-    """Run a case and return its record: label, arguments (`"case"`), conditions, and the worker's figures, or under
-    `"skipped"` or `"failed"` why there are none."""
+    """Run a case and return its record: label, arguments (`"case"`), conditions, and the figures, or under `"skipped"`
+    or `"failed"` why there are none."""
     row: Row = {
         "label": case.label,
         "case": case.arguments,
         "threads": case.threads or threads,
         "platform": case.platform,
-        "machine": describe(),
+        "machine": conditions.describe(),
+        "commit": conditions.commit(),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "load": round(os.getloadavg()[0], 2),
     }
@@ -52,7 +52,7 @@ def run(case: Case, threads: int, peer_python: str | None) -> Row:
         return row | {"skipped": "no interpreter with triangulax was named: use --peer-python"}
     if case.platform == "cuda" and not Path("/dev/nvidia0").exists():
         return row | {"skipped": "there is no GPU here"}
-    free = _available_gb()
+    free = conditions.available_gb()
     if free < case.needs_gb:
         return row | {"skipped": f"needs about {case.needs_gb:.0f} GB of memory, and {free:.0f} GB are free"}
     arguments = dict(case.arguments)
@@ -64,18 +64,19 @@ def run(case: Case, threads: int, peer_python: str | None) -> Row:
 
 
 def _call(python: str, case: Case, arguments: dict[str, Any], threads: int) -> Row:
+    asked = {"module": case.module, "function": case.function, "arguments": arguments, "threads": threads}
+    settings = {
+        "JAX_PLATFORMS": "cpu" if case.platform == "cpu" else f"{case.platform},cpu",
+        "JAX_ENABLE_X64": "1",
+        "JAX_TRACEBACK_FILTERING": "off",  # the last line is then the error
+    }
     with tempfile.TemporaryDirectory() as folder:
         request, answer = Path(folder, "request.json"), Path(folder, "answer.json")
-        request.write_text(json.dumps({"worker": case.worker, "arguments": arguments, "threads": threads}))
-        settings = {
-            "JAX_PLATFORMS": "cpu" if case.platform == "cpu" else f"{case.platform},cpu",
-            "JAX_ENABLE_X64": "1",
-            "JAX_TRACEBACK_FILTERING": "off",  # the last line is then the error
-        }
+        request.write_text(json.dumps(asked))
         try:
             finished = subprocess.run(
                 [python, "-m", "benchmarks.child", str(request), str(answer)],
-                cwd=ROOT,
+                cwd=conditions.ROOT,
                 env=os.environ | settings | case.settings,
                 capture_output=True,
                 text=True,
@@ -88,8 +89,3 @@ def _call(python: str, case: Case, arguments: dict[str, Any], threads: int) -> R
             print(finished.stderr, file=sys.stderr)
             return {"failed": reason[0][:300]}
         return json.loads(answer.read_text())
-
-
-def _available_gb() -> float:
-    lines = Path("/proc/meminfo").read_text().splitlines()
-    return next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable")) / 1024**2

@@ -10,42 +10,6 @@ import equinox as eqx
 import jax
 
 
-def profile(function: Callable, *arguments: Any, runs: int) -> tuple[Any, dict[str, Any]]:
-    """Compile a function, run it once, and then some times more.
-
-    The first run stands alone: it may hold work done once per process, such as a symbolic factorisation.
-
-    **Returns:** what the function returned, and the record: seconds to compile, of the first run, and of each later one
-    (wall and processor), and the memory that compiling and running added at their peaks, in MB.
-    """
-    before = _rewind()
-    start = time.perf_counter()
-    compiled = eqx.filter_jit(function).lower(*arguments).compile()
-    compile_s = time.perf_counter() - start
-    compile_mb = _status("VmHWM") - before
-
-    before = _rewind()
-    result, first_s, first_cpu_s = _timed(compiled, arguments)
-    samples = [_timed(compiled, arguments)[1:] for _ in range(runs)]
-    record = {
-        "compile_s": compile_s,
-        "first_s": first_s,
-        "first_cpu_s": first_cpu_s,
-        "run_s": [wall for wall, _ in samples],
-        "run_cpu_s": [cpu for _, cpu in samples],
-        "compile_mb": compile_mb,
-        "run_mb": _status("VmHWM") - before,
-    }
-    return result, record
-
-
-def repeat(function: Callable, *arguments: Any, runs: int) -> dict[str, Any]:
-    """Time a function that is compiled already, such as a short kernel under `jax.jit`: one run unseen, then `runs`."""
-    _timed(function, arguments)
-    samples = [_timed(function, arguments)[1:] for _ in range(runs)]
-    return {"run_s": [wall for wall, _ in samples], "run_cpu_s": [cpu for _, cpu in samples]}
-
-
 class Stage:
     """Wall time and peak memory of a block of host code, for use in a `with` statement."""
 
@@ -53,7 +17,9 @@ class Stage:
     megabytes: float
 
     def __enter__(self) -> "Stage":
-        self._before = _rewind()
+        # Sets the peak back to what is in use now.
+        Path("/proc/self/clear_refs").write_text("5")
+        self._before = _status("VmRSS")
         self._start = time.perf_counter()
         return self
 
@@ -62,26 +28,38 @@ class Stage:
         self.megabytes = _status("VmHWM") - self._before
 
 
-def peak_memory() -> float:
-    """The largest memory of this process since the last measurement began, in MB."""
-    return _status("VmHWM")
+def profile(function: Callable, *arguments: Any, runs: int) -> tuple[Any, dict[str, Any]]:
+    """Compile a function, run it once, and then some times more.
+
+    The first run stands alone: it may hold work done once per process, such as a symbolic factorisation.
+
+    **Returns:** what the function returned, and the record: seconds to compile, of the first run, and of each later one
+    (wall and processor), and the memory that compiling and running added at their peaks, in MB.
+    """
+    with Stage() as compilation:
+        compiled = eqx.filter_jit(function).lower(*arguments).compile()
+    with Stage() as run:
+        result, first = timed(compiled, *arguments, runs=1)
+        _, later = timed(compiled, *arguments, runs=runs)
+    record = {"compile_s": compilation.seconds, "first_s": first["run_s"][0], "first_cpu_s": first["run_cpu_s"][0]}
+    return result, record | later | {"compile_mb": compilation.megabytes, "run_mb": run.megabytes}
 
 
-def resident() -> float:
-    """The memory of this process now, in MB."""
-    return _status("VmRSS")
+def repeat(function: Callable, *arguments: Any, runs: int) -> dict[str, Any]:
+    """Time a function that is compiled already, such as a short kernel under `jax.jit`: one run unseen, then `runs`."""
+    timed(function, *arguments, runs=1)
+    return timed(function, *arguments, runs=runs)[1]
 
 
-def _timed(function: Callable, arguments: tuple) -> tuple[Any, float, float]:
-    wall, cpu = time.perf_counter(), time.process_time()
-    result = jax.block_until_ready(function(*arguments))
-    return result, time.perf_counter() - wall, time.process_time() - cpu
-
-
-def _rewind() -> float:
-    """Set the peak of memory back to what is in use now, and return that."""
-    Path("/proc/self/clear_refs").write_text("5")
-    return resident()
+def timed(function: Callable, *arguments: Any, runs: int) -> tuple[Any, dict[str, list[float]]]:
+    """What a function returned in the last of so many runs, and the seconds of each, wall and processor."""
+    result, walls, cpus = None, [], []
+    for _ in range(runs):
+        wall, cpu = time.perf_counter(), time.process_time()
+        result = jax.block_until_ready(function(*arguments))
+        walls.append(time.perf_counter() - wall)
+        cpus.append(time.process_time() - cpu)
+    return result, {"run_s": walls, "run_cpu_s": cpus}
 
 
 def _status(field: str) -> float:

@@ -12,7 +12,7 @@ SUZANNE = Path(__file__).parent.parent / "examples" / "meshes" / "suzanne.obj"
 @functools.cache
 def file(name: str) -> Path:
     """The .obj file of `"icosphere-3"`, an icosahedron subdivided three times, of `"suzanne"`, or of `"sheet-J16"`, the
-    unit square in 16 x 16 cells of the kind J of `benchmarks.validation.meshes`; made where needed.
+    unit square in 16 x 16 cells of the kind J of `validation.meshes`; made where needed.
 
     Faces begin with their smallest vertex, as triangulax turns them: an angle on a face counts from its first edge.
     """
@@ -22,14 +22,14 @@ def file(name: str) -> Path:
     jax.config.update("jax_enable_x64", True)
 
     import shellkit as sk
-
-    from .validation.meshes import sheet
+    from validation.meshes import KINDS, sheet
 
     kind, _, level = name.partition("-")
     if kind == "icosphere":
         mesh = sk.meshes.icosphere(subdivisions=int(level))
     elif kind == "sheet":
-        mesh = sheet(level[0], (int(level[1:]), int(level[1:])))
+        triangles, cells = next(kind for kind in KINDS if kind == level[0]), int(level[1:])
+        mesh = sheet(triangles, (cells, cells))
     else:
         mesh = sk.Mesh.read(SUZANNE)
     turn = jnp.argmin(mesh.faces, axis=1)[:, None] + jnp.arange(3)

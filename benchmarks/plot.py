@@ -1,25 +1,34 @@
 """Figures of the stored results: `python -m benchmarks.plot [FOLDER]` draws them into `docs/assets`. Needs
 matplotlib."""
 
-import sys
+import argparse
+from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import Any
 
+import matplotlib
+
+
+matplotlib.use("agg")
 import matplotlib.pyplot as plt
+import numpy as np
 
-from . import report
-from .accuracy import gradients, meshes, solvers
-from .case import ROOT, Row
-from .relaxation import SCENES
-from .scaling import memory, times
-from .training import SCENES as TRAINED
+from validation.cards import CARDS
+from validation.figures import MEASURABLE
+
+from . import results, tables
+from .case import Row
+from .conditions import ROOT
+from .questions import relaxation, scaling, training
+from .questions.accuracy import curves, seconds_of
 
 
 # Okabe and Ito's colours (2008), which can be told apart with any common colour blindness, and grey for the peer.
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#222222", "#7f7f7f")
 MARKERS = "os^vDPX*"
 
-STYLE = {
+STYLE: Any = {
     "axes.grid": True,
     "axes.prop_cycle": plt.cycler(color=COLOURS, marker=MARKERS),
     "axes.spines.right": False,
@@ -39,31 +48,32 @@ def legend_below(axis: plt.Axes) -> None:
     axis.legend(fontsize=7, loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=2)
 
 
+def _done(rows: list[Row], **case: str) -> list[Row]:
+    """The rows that have figures and these arguments."""
+    return [row for row in rows if not tables.missing(row) and case.items() <= row["case"].items()]
+
+
 def _scaling(rows: list[Row]) -> plt.Figure:
     figure, (left, right) = plt.subplots(1, 2, figsize=(8, 3.4), width_ratios=(3, 2))
-    for name, (vertices, seconds) in times(rows).items():
-        whole = name == "relaxation"
-        look = {"color": "k", "marker": "o", "lw": 2.5} if whole else {}
+    for name, (vertices, seconds) in scaling.times(rows).items():
+        look = {"color": "k", "marker": "o", "lw": 2.5} if name == "relaxation" else {}
         left.loglog(vertices, seconds, label=name, **look)
     left.set(xlabel="vertices", ylabel="seconds", title="time")
     legend_below(left)
-    wholes = [row for row in rows if row["case"]["what"] == "relaxation" and not report.missing(row)]
-    right.loglog([row["n_vertices"] for row in wholes], [memory(row) for row in wholes], "k-o")
+    wholes = _done(rows, what="relaxation")
+    right.loglog([row["n_vertices"] for row in wholes], [scaling.memory(row) for row in wholes], "k-o")
     right.set(xlabel="vertices", ylabel="MB", title="memory of a relaxation")
     return figure
 
 
 def _relaxation(rows: list[Row]) -> plt.Figure:
-    meshes = list(dict.fromkeys(row["case"]["mesh"] for row in rows if not report.missing(row)))
+    meshes = list(dict.fromkeys(row["case"]["mesh"] for row in _done(rows)))
     figure, axes = plt.subplots(2, len(meshes), figsize=(3.2 * len(meshes), 5), squeeze=False, sharey="row")
     for column, mesh in zip(axes.T, meshes, strict=True):
-        for row in rows:
-            if row["case"]["mesh"] != mesh or report.missing(row):
-                continue
-            seconds = [point["seconds"] for point in row["trace"]]
+        for row in _done(rows, mesh=mesh):
             for axis, quantity in zip(column, ("force", "distance"), strict=True):
-                axis.loglog(seconds, [point[quantity] for point in row["trace"]], "-", label=row["case"]["minimiser"])
-        column[0].set_title(SCENES[mesh].name)
+                axis.loglog(row["trace"]["seconds"], row["trace"][quantity], "-", label=row["case"]["minimiser"])
+        column[0].set_title(relaxation.SCENES[mesh].name)
         column[1].set_xlabel("seconds")
     axes[0, 0].set_ylabel("|∇E|")
     axes[1, 0].set_ylabel("distance to the minimum")
@@ -73,47 +83,36 @@ def _relaxation(rows: list[Row]) -> plt.Figure:
 
 def _training(scene: str, rows: list[Row]) -> plt.Figure:
     figure, axes = plt.subplots(1, 2, figsize=(8, 3.2), sharey=True)
-    for row in rows:
-        if row["case"]["scene"] != scene or report.missing(row):
-            continue
-        for axis, quantity in zip(axes, ("relaxations", "seconds"), strict=True):
-            points = [(point[quantity], point["loss"]) for point in row["trace"]]
-            axis.semilogy(*zip(*points, strict=True), "-", label=row["case"]["optimiser"])
-            axis.set_xlabel(quantity)
+    for axis, quantity in zip(axes, ("relaxations", "seconds"), strict=True):
+        for row in _done(rows, scene=scene):
+            axis.semilogy(row["trace"][quantity], row["trace"]["loss"], "-", label=row["case"]["optimiser"])
+        axis.set_xlabel(quantity)
     axes[0].set_ylabel("loss")
     legend_below(axes[0])
-    figure.suptitle(TRAINED[scene].name, fontsize=9)
+    figure.suptitle(training.SCENES[scene].name, fontsize=9)
     return figure
 
 
-_COLOURS = {
-    "SparseNewton": "C0",
-    "implicit": "C0",
-    "NonlinearCG": "C4",
-    "differences": "C1",
-    "LBFGS": "C2",
-    "unrolled": "C2",
-    "triangulax": "C7",
-    "triangulax dense": "C7",
-    "triangulax cg": "0.7",
-}
+_COLOURS = {"SparseNewton": "C0", "implicit": "C0", "NonlinearCG": "C4", "differences": "C1", "LBFGS": "C2"}
+_COLOURS |= {"unrolled": "C2", "triangulax": "C7", "triangulax dense": "C7", "triangulax cg": "0.7"}
 
 
-def accuracy(rows: list[Row]) -> plt.Figure:
+def _accuracy(rows: list[Row]) -> plt.Figure:
     """Error over seconds: of a mesh, of a relaxation, of a gradient."""
     figure, axes = plt.subplots(1, 3, figsize=(10, 3.8))
     kinds = {"R": ":", "X": "--", "J": "-"}
     methods = {"free sin": "C0", "average sin": "C1", "triangulax": "C7"}
-    for (kind, method), curve in meshes(rows).items():
+    for name, curve in curves(rows, "mesh").items():
+        kind, _, method = name.partition(" ")
         if method in methods:
-            seconds, errors = [point[2] for point in curve], [point[1] for point in curve]
-            label = method.replace(" sin", " normals") if kind == "J" else None
-            axes[0].loglog(seconds, errors, linestyle=kinds[kind], marker=".", color=methods[method], label=label)
-    for axis, curves in ((axes[1], solvers(rows)), (axes[2], gradients(rows))):
-        for method, curve in curves.items():
-            points = [(point[2], point[1]) for point in curve if point[1] == point[1]]
-            marker = "o" if len(points) == 1 else "."
-            axis.loglog(*zip(*points, strict=True), marker=marker, label=method, color=_COLOURS[method])
+            look = {"linestyle": kinds[kind], "marker": ".", "color": methods[method]}
+            look |= {"label": method.replace(" sin", " normals")} if kind == "J" else {}
+            axes[0].loglog(*_points(curve), **look)
+    for axis, what in ((axes[1], "solver"), (axes[2], "gradient")):
+        for method, curve in curves(rows, what).items():
+            seconds, errors = _points(curve)
+            marker = "o" if len(errors) == 1 else "."
+            axis.loglog(seconds, errors, marker=marker, label=method, color=_COLOURS[method])
     titles = ("of a mesh (J —, X – –, R ···)", "of a relaxation, 642 vertices", "of a gradient, 42 vertices")
     for axis, title in zip(axes, titles, strict=True):
         axis.xaxis.set_minor_formatter("")
@@ -123,23 +122,74 @@ def accuracy(rows: list[Row]) -> plt.Figure:
     return figure
 
 
+def _points(curve: list[Row]) -> tuple[list[float], list[float]]:
+    known = [row for row in curve if row["error"] is not None]
+    return [seconds_of(row) for row in known], [row["error"] for row in known]
+
+
+_MARKERS = {"R": "o", "X": "s", "J": "^"}  # of regular, alternating and jittered triangles
+
+
+def _card(name: str, rows: list[Row]) -> plt.Figure | None:
+    """Errors against the mesh size, a panel for each quantity that was refined."""
+    lines = []
+    for one in next((row["series"] for row in rows if row["label"] == name), ()):
+        points = [point for point in zip(one["cells"], one["error"], strict=True) if point[0] > 0]
+        points = [(cells, abs(error)) for cells, error in points if abs(error) > MEASURABLE]
+        if len(points) > 1:
+            lines.append((one["quantity"], one["series"], *zip(*points, strict=True)))
+    quantities = list(dict.fromkeys(quantity for quantity, *_ in lines))[:4]
+    if not quantities:
+        return None
+    figure, axes = plt.subplots(1, len(quantities), figsize=(3.6 * len(quantities), 3.8), squeeze=False)
+    colours: dict[str, str] = {}  # of each method, in all panels
+    for axis, quantity in zip(axes[0], quantities, strict=True):
+        shown = [line[1:] for line in lines if line[0] == quantity]
+        for series, cells, errors in shown:
+            method, _, triangles = series.rpartition(", ")
+            method = method or ("" if triangles in _MARKERS else series)
+            colour = colours.setdefault(method, COLOURS[len(colours)])
+            look = {"marker": _MARKERS.get(triangles, "D"), "linestyle": "--" if "average" in series else "-"}
+            axis.loglog(cells, errors, color=colour, label=series, **look)
+        ticks = sorted({size for _, cells, _ in shown for size in cells})
+        reference = np.array([ticks[0], ticks[-1]])
+        top = max(errors[0] for *_, errors in shown)
+        axis.loglog(reference, top * (reference / reference[0]) ** -2.0, "k:", lw=1, label="second order")
+        axis.set_xticks(ticks, [f"{tick:.3g}" for tick in ticks])
+        axis.minorticks_off()
+        axis.set(xlabel="cells a side", title=quantity)
+        legend_below(axis)
+    axes[0, 0].set_ylabel("relative error")
+    return figure
+
+
+# The name of the file, the benchmark, how it is drawn.
+_FIGURES: list[tuple[str, str, Callable[[list[Row]], plt.Figure | None]]] = [
+    ("benchmark_scaling.svg", "scaling", _scaling),
+    ("benchmark_relaxation.svg", "relaxation", _relaxation),
+    *((f"benchmark_training_{scene}.svg", "training", partial(_training, scene)) for scene in training.SCENES),
+    ("benchmark_accuracy.png", "accuracy", _accuracy),
+    *((f"validation_{name}.png", "cards", partial(_card, name)) for name in CARDS),
+]
+
+
 def main() -> None:
-    folder = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "docs" / "assets"
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.plot", description=__doc__)
+    parser.add_argument("folder", nargs="?", type=Path, default=ROOT / "docs" / "assets")
+    folder = parser.parse_args().folder
     folder.mkdir(parents=True, exist_ok=True)
     with plt.rc_context(STYLE):
-        figures = {"scaling": ("scaling", _scaling), "relaxation": ("relaxation", _relaxation)}
-        for scene in TRAINED:
-            figures[f"training_{scene}"] = ("training", partial(_training, scene))
-        for figure, (name, draw) in figures.items():
-            if rows := report.load(name):
-                path = folder / f"benchmark_{figure}.svg"
-                draw(rows).savefig(path, metadata={"Date": None})
-                print(path)
-            else:
-                print(f"{name}: no results yet, run python -m benchmarks {name}")
-        if rows := report.load("accuracy"):
-            accuracy(rows).savefig(folder / "benchmark_accuracy.png", dpi=90, metadata={"Software": None})
-            print(folder / "benchmark_accuracy.png")
+        for name, benchmark, draw in _FIGURES:
+            rows = results.load(benchmark)
+            if not rows:
+                print(f"{name}: no results yet, run python -m benchmarks {benchmark}")
+            elif figure := draw(rows):
+                options: Any = {"metadata": {"Date": None}}
+                if name.endswith("png"):
+                    options = {"metadata": {"Software": None}, "dpi": 80 if benchmark == "cards" else 90}
+                figure.savefig(folder / name, **options)
+                plt.close(figure)
+                print(folder / name)
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from typing import Any
 
 from PIL import Image, ImageSequence
 
-from benchmarks.machine import describe
+from benchmarks.conditions import describe
 from benchmarks.pages import write
 
 

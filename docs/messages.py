@@ -14,6 +14,7 @@ PARTS = {
     "_problem": "Problems",
     "_relaxation": "Problems",
     "_programs": "Problems",
+    "_package": "Problems",
     "_rest": "Problems",
     "_equilibrium": "Problems",
     "_actuation": "Actuation",
@@ -27,6 +28,8 @@ PARTS = {
     "_analysis": "Paths and analysis",
     "_plot": "Pictures and fabrication",
     "_fabrication": "Pictures and fabrication",
+    "_fields": "Pictures and fabrication",
+    "_export": "Pictures and fabrication",
 }
 OTHERS = "Training"
 
@@ -38,6 +41,8 @@ def messages(path: Path) -> Iterator[str]:
         if isinstance(call, ast.Call) and call.args:
             warned = isinstance(call.func, ast.Attribute) and call.func.attr in ("warn", "_warn")
             text = max(map(text_of, call.args), key=len)
+            further = [text_of(word.value) for word in call.keywords if word.arg in ("remedy", "in_file")]
+            text = " ".join([text, *further])
             if (isinstance(node, ast.Raise) or warned) and len(text) > 12:
                 yield text
 

@@ -63,6 +63,20 @@ def director_image(path: Path) -> None:
         picture.convert("L").save(path, optimize=True)
 
 
+def heated(path: Path) -> None:
+    """A clamped strip of two metals that was heated, coloured by how far it moved."""
+    heat = [sk.IsotropicGrowth(1 + 80 * expansion) for expansion in (12e-6, 19e-6)]
+    problem = sk.InverseProblem(
+        mesh=sk.meshes.rectangle(60.0, 20.0, cells=(24, 8)),
+        thickness=0.3,
+        energy=sk.StVenantKirchhoff.from_young(2e5, 0.3) + sk.Bending.from_young(2e5, 0.3, directors="free"),
+        actuation=sk.Bilayer(*heat),
+        supports=sk.Clamped(lambda x: x[:, 0] < jnp.min(x[:, 0]) + 0.01),
+    )
+    sk.plot(problem(), color="displacement", unit="mm", camera=(-0.4, -1.0, 0.4), save=path)
+    shrink(path)
+
+
 def thickened(path: Path) -> None:
     """A cap as a body, cut open to show its wall."""
     import pyvista as pv
@@ -157,6 +171,7 @@ def surface_losses(path: Path) -> None:
 PICTURES = {
     "streamlines.png": streamlines,
     "director-image.png": director_image,
+    "heated.png": heated,
     "thickened.png": thickened,
     "stress.png": stress,
     "ramp.gif": ramp,

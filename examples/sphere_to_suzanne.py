@@ -173,7 +173,8 @@ def main() -> None:
 
 def report(name: str, vertices: Array, mesh: sk.Mesh, target: sk.Mesh) -> sk.Hausdorff:
     """Prints how far a shape is from the target, both ways, in parts of the target's diagonal."""
-    found = sk.hausdorff(sk.ICP(target.faces)(vertices, target.vertices), mesh, target)
+    laid = sk.register(mesh.with_vertices(vertices), target)
+    found = sk.hausdorff(laid(vertices), mesh, target)
     print(
         f"{mesh.n_vertices:>5} vertices  {name:<32} mean {100 * found.relative_mean:6.2f} %   Hausdorff "
         f"{100 * found.relative_distance:6.2f} %   of the diagonal",
@@ -188,7 +189,7 @@ def save(results: dict, positions: Array, target: sk.Mesh, options: argparse.Nam
     shapes = []
     for material, result in results.items():
         actuation, mesh = result.problem.actuation, result.problem.mesh
-        shape = sk.ICP(target.faces)(result.equilibrium.vertices, target.vertices)
+        shape = sk.register(mesh.with_vertices(result.equilibrium.vertices), target)(result.equilibrium.vertices)
         fields = {
             f"{side}_{name}": getattr(layer, name)
             for side, layer in (("top", actuation.top), ("bottom", actuation.bottom))

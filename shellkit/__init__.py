@@ -8,6 +8,7 @@ from ._actuation import (
     Laminate as Laminate,
     Layer as Layer,
     Nematic as Nematic,
+    NeuralDirectors as NeuralDirectors,
     OrthotropicGrowth as OrthotropicGrowth,
     Passive as Passive,
     Prescribed as Prescribed,
@@ -22,6 +23,7 @@ from ._align import (
     Motion as Motion,
     NoAlignment as NoAlignment,
     Similarity as Similarity,
+    register as register,
 )
 from ._analysis import (
     Hausdorff as Hausdorff,
@@ -64,6 +66,7 @@ from ._energy import (
     VolumeConstraint as VolumeConstraint,
 )
 from ._equilibrium import Equilibrium as Equilibrium, RESULTS as RESULTS
+from ._export import load as load, save as save, write_series as write_series
 from ._fabrication import (
     export_directors as export_directors,
     export_streamlines as export_streamlines,
@@ -134,7 +137,14 @@ from ._loss import (
     Volume as Volume,
     WeightedLoss as WeightedLoss,
 )
-from ._mesh.mesh import Mesh as Mesh
+from ._mesh import (
+    Mesh as Mesh,
+    MeshDataWarning as MeshDataWarning,
+    MeshFileError as MeshFileError,
+    MeshTopologyWarning as MeshTopologyWarning,
+)
+from ._package.about import about as about
+from ._package.distribution import __version__ as __version__
 from ._path import (
     ArcLength as ArcLength,
     Branch as Branch,
@@ -155,7 +165,7 @@ from ._plot import (
     plot as plot,
     plot_history as plot_history,
 )
-from ._problem import InverseProblem as InverseProblem
+from ._problem import Equilibria as Equilibria, InverseProblem as InverseProblem, States as States
 from ._programs.waiting import keep_compiled as keep_compiled
 from ._rest import RestShape as RestShape
 from ._starts import (

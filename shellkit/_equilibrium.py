@@ -1,6 +1,8 @@
 """What a relaxation returns: the shape, and everything about how it was found."""
 
 import dataclasses
+import os
+from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -8,7 +10,12 @@ import numpy as np
 import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int, Scalar
 
+from ._energy import Unknowns
+from ._fields.shape import face_fields, material_fields, vertex_fields
+from ._mesh.files import write as write_mesh
+from ._mesh.formats.content import Content
 from ._mesh.mesh import Mesh
+from ._programs.tracing import with_parts
 from ._rest import RestShape
 
 
@@ -33,8 +40,7 @@ class RESULTS(optx.RESULTS):  # pyright: ignore[reportGeneralTypeIssues]  # an E
 class Pose(eqx.Module):
     """The parts of an equilibrium that have a derivative; see [`shellkit.Equilibrium`][]."""
 
-    vertices: Float[Array, "V 3"]
-    directors: Float[Array, " E"] | None = None
+    unknowns: Unknowns
     reactions: Float[Array, "V 3"] | None = None
     moments: Float[Array, "E 3"] | None = None
     multipliers: Float[Array, " m"] | None = None
@@ -104,10 +110,46 @@ class Equilibrium(eqx.Module):
     @classmethod
     def of(cls, mesh: Mesh, rest: RestShape, pose: Pose, found: Diagnostics) -> "Equilibrium":
         """An equilibrium from its parts: the surface at rest, the rest shape, what has a derivative, and the rest."""
-        parts = {field.name: getattr(part, field.name) for part in (pose, found) for field in dataclasses.fields(part)}
-        return cls(mesh=mesh, rest=rest, **parts)
+        parts = (pose.unknowns, pose, found)
+        values = {field.name: getattr(part, field.name) for part in parts for field in dataclasses.fields(part)}
+        del values["unknowns"]
+        return cls(mesh=mesh, rest=rest, **values)
+
+    @property
+    def unknowns(self) -> Unknowns:
+        """Positions and directors together."""
+        return Unknowns(self.vertices, self.directors)
+
+    def with_unknowns(self, unknowns: Unknowns) -> "Equilibrium":
+        """The same with other positions and directors, as where to start a relaxation from."""
+        return with_parts(self, vertices=unknowns.vertices, directors=unknowns.directors)
 
     @property
     def diagnostics(self) -> Diagnostics:
         """How it was found."""
         return Diagnostics(**{field.name: getattr(self, field.name) for field in dataclasses.fields(Diagnostics)})
+
+    def write(self, path: str | os.PathLike, *, problem: Any = None) -> None:
+        """Writes the relaxed shape with its fields to a file, whole or not at all: for ParaView and others.
+
+        On vertices: `displacement` from rest, and `reaction` where something is held. On faces: `thickness` at rest;
+        `strain`, the elastic one against the actuated rest shape, a symmetric tensor in space, and `principal_strains`,
+        its larger and smaller value. With the problem also `stress`, that of [`shellkit.membrane_stress`][] as a
+        tensor in space, and `von_mises`; `energy_density`; and `director` (of several layers `top_director`,
+        `bottom_director`, ...), unit vectors carried along with the material.
+
+        **Arguments:**
+
+        - `path`: where to; the extension tells the format, as for [`shellkit.Mesh.write`][]. vtu, vtp and vtk keep all
+            fields, ply and msh some, obj, off and stl only the shape.
+        - `problem`: the [`shellkit.InverseProblem`][] that this is an equilibrium of, for its material and directors.
+
+        **Raises:** `MeshFileError` for an unknown format or a missing folder; `ValueError` for a problem on another
+        mesh.
+        """
+        faces = face_fields(self.mesh, self.rest, self.vertices)
+        if problem is not None:
+            faces |= material_fields(problem, self.mesh, self.rest, self.vertices, self.directors)
+        on_vertices = vertex_fields(self.mesh, self.vertices, self.reactions)
+        content = Content(np.asarray(self.vertices), np.asarray(self.mesh.faces), on_vertices, faces)
+        write_mesh(path, content, silent=True)

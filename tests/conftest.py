@@ -16,6 +16,8 @@ import jaxtyping
 
 
 jax.config.update("jax_enable_x64", True)
+# A mix of widths or kinds that was not written out is an error.
+jax.config.update("jax_numpy_dtype_promotion", "strict")
 # Counts of compilations must not depend on what an earlier run left on disk.
 jax.config.update("jax_enable_compilation_cache", False)
 # From here on, importing shellkit checks each annotated shape and type when a function is traced.

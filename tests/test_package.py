@@ -27,9 +27,10 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 LAYERS = [
     {"_programs", "_citation"},
     {"_mesh", "_solve"},
-    {"meshes", "_geometry"},
+    {"meshes", "_geometry", "_package"},
     {"_rest", "_supports", "_align"},
     {"_actuation", "_energy"},
+    {"_fields"},
     {"_equilibrium", "_starts"},
     {"_loss"},
     {"_relaxation"},
@@ -37,6 +38,7 @@ LAYERS = [
     {"_path", "_fit"},
     {"_analysis"},
     {"_plot", "_fabrication"},
+    {"_export"},
 ]
 
 # Methods that a base class answers for everybody, and that a class may answer better.
@@ -56,6 +58,9 @@ REFINABLE = {
     "refuse",
     "arrived",
 }
+
+# Files that are still to be divided.
+TOO_LONG = {"_solve/newton/newton.py", "_path/arc_length.py", "_problem/problem.py"}
 
 
 def run(*command):
@@ -265,7 +270,8 @@ def test_imports_run_downwards(path):
 @pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(PACKAGE)))
 def test_files_hold_one_idea(path):
     assert "util" not in path.name
-    assert len(path.read_text().splitlines()) <= 450
+    lines = len(path.read_text().splitlines())
+    assert lines <= 400 or (str(path.relative_to(PACKAGE)) in TOO_LONG and lines <= 450)
 
 
 def test_rooms_hold_the_code():
@@ -292,20 +298,6 @@ def test_ci_runs_the_commands_of_the_readme():
     assert len(commands) == 2 and all(command in script for command in commands), commands
 
 
-def test_benchmarks_find_what_they_measure():
-    """They look inside the package, and nothing else runs them."""
-    names = [name for _, name, _ in pkgutil.walk_packages([str(ROOT / "benchmarks")], "benchmarks.")]
-    ours = [name for name in names if not name.endswith(("__main__", "peer"))]
-    assert "benchmarks.workers.relaxation" in ours
-    for name in ours:
-        importlib.import_module(name)
-
-
-def test_figures_on_the_pages_are_those_measured():
-    done = run(sys.executable, "-m", "benchmarks.pages", "--check")
-    assert done.returncode == 0, f"run python -m benchmarks.pages: {done.stdout}{done.stderr}"
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("path", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
 def test_code_on_the_pages_runs(path):
@@ -323,6 +315,6 @@ def test_wheel_holds_the_package_and_nothing_else(tmp_path):
 
     wheel = next(WheelBuilder(str(ROOT)).build(directory=str(tmp_path), versions=["standard"]))
     names = ZipFile(wheel).namelist()
-    assert {name.partition("/")[0] for name in names} == {"shellkit", "shellkit-0.1.0.dist-info"}
+    assert {name.partition("/")[0] for name in names} == {"shellkit", f"shellkit_jax-{shellkit.__version__}.dist-info"}
     assert "shellkit/py.typed" in names
     assert {Path(name).suffix for name in names if name.startswith("shellkit/")} == {".py", ".typed"}

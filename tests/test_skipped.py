@@ -84,7 +84,7 @@ def test_without_free_directors_edges_have_no_unknowns():
     average, free = scene(), scene(energy=STRETCHING + sk.Bending(1.0, 1.0, directors="free"))
     assert average.assembly.pattern.n == 3 * BALL.n_vertices
     assert free.assembly.pattern.n == 3 * BALL.n_vertices + BALL.n_edges
-    assert average.assembly.director_length is None and average.assembly.n_directors == 0
+    assert average.assembly.dofs.director_length is None and average.assembly.dofs.n_directors == 0
 
 
 def test_passive_shells_keep_their_rest_shape():
@@ -100,7 +100,7 @@ def test_what_is_held_is_not_in_the_matrix():
     shell = STRETCHING + sk.Bending(1.0, 1.0, directors="free")
     of = lambda supports: Assembly.of(shell, SHEET, supports and supports.on(SHEET))
     free, held, sliding = map(of, (None, sk.Clamped(LEFT), sk.Sliding(LEFT, normal="x")))
-    assert free.free is None and free.pattern.n - held.pattern.n == 3 * 4 + 3
+    assert free.dofs.free is None and free.pattern.n - held.pattern.n == 3 * 4 + 3
     assert held.pattern.nnz < free.pattern.nnz
     assert free.pattern.n - sliding.pattern.n == 4
 

@@ -8,7 +8,7 @@ import optax
 
 import shellkit as sk
 
-from .marks import mark
+from . import mark
 
 
 def main(path: str, steps: int) -> None:

@@ -8,9 +8,9 @@ import equinox as eqx
 import jax
 import optax
 
-from ..scene import fields
-from ..workers import peer
-from .marks import mark
+from .. import peer
+from ..tutorial import fields
+from . import mark
 
 
 _MAX_STEPS = 4000  # of the relaxation, as for the design step
@@ -28,7 +28,7 @@ def main(path: str, steps: int, adjoint: str) -> None:
 
     @eqx.filter_jit
     def step(scene, angles, state):
-        (value, _), gradient = partial(peer._design_step, adjoint)(scene, angles)
+        (value, _), gradient = partial(peer.design_step, adjoint)(scene, angles)
         updates, state = optimiser.update(gradient, state)
         return optax.apply_updates(angles, updates), state, value
 

@@ -12,3 +12,4 @@ from .growth import PrescribedMetric as PrescribedMetric
 from .laminate import Laminate as Laminate
 from .laminate import Layer as Layer
 from .nematic import Nematic as Nematic
+from .neural import NeuralDirectors as NeuralDirectors

@@ -38,6 +38,10 @@ class Actuation(eqx.Module):
         """
         return PartialActuation(self, progress)
 
+    def on(self, mesh: Mesh) -> "Actuation":
+        """This actuation as fields on the faces of a mesh: itself, unless it is a function of where they are."""
+        return self
+
     def check(self, mesh: Mesh) -> None:
         """Raise a `ValueError` if this actuation does not fit the mesh; called when a problem is built."""
 
@@ -58,6 +62,9 @@ class PartialActuation(Actuation):
     def director_fields(self) -> tuple[Float[Array, " F"], ...]:
         return self.whole.director_fields()
 
+    def on(self, mesh: Mesh) -> "PartialActuation":
+        return PartialActuation(self.whole.on(mesh), self.progress)
+
     def check(self, mesh: Mesh) -> None:
         self.whole.check(mesh)
 
@@ -76,6 +83,10 @@ class SheetActuation(Actuation):
         """This sheet, gone through by a fraction `progress`: by default its metric is interpolated."""
         return PartialSheet(self, progress)
 
+    def on(self, mesh: Mesh) -> "SheetActuation":
+        """This sheet as fields on the faces of a mesh: itself, unless it is a function of where they are."""
+        return self
+
 
 class PartialSheet(SheetActuation):
     """A sheet of whose actuation a fraction has happened: metric interpolated between rest and actuated."""
@@ -88,6 +99,9 @@ class PartialSheet(SheetActuation):
 
     def director_fields(self) -> tuple[Float[Array, " F"], ...]:
         return self.whole.director_fields()
+
+    def on(self, mesh: Mesh) -> "PartialSheet":
+        return PartialSheet(self.whole.on(mesh), self.progress)
 
     def check(self, mesh: Mesh) -> None:
         self.whole.check(mesh)

@@ -46,6 +46,9 @@ class Bilayer(Actuation):
                 )
             layer.check(mesh)
 
+    def on(self, mesh: Mesh) -> "Bilayer":
+        return Bilayer(self.top.on(mesh), self.bottom.on(mesh))
+
     def director_fields(self) -> tuple[Float[Array, " F"], ...]:
         return self.top.director_fields() + self.bottom.director_fields()
 

@@ -22,9 +22,9 @@ def director_layers(
         return ()
     fields: Any
     if directors is True:
-        fields = () if actuation is None else actuation.director_fields()
+        fields = () if actuation is None else actuation.on(mesh).director_fields()
     elif isinstance(directors, Actuation):
-        fields = directors.director_fields()
+        fields = directors.on(mesh).director_fields()
     else:
         fields = directors if isinstance(directors, (list, tuple)) and np.ndim(directors[0]) else [directors]
     layers = tuple(np.asarray(field, dtype=float) for field in fields)

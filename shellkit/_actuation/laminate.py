@@ -93,6 +93,10 @@ class Laminate(Actuation):
             check_per_face(owner, "stiffness", layer.stiffness, mesh, scalar=True, positive=True)
             layer.sheet.check(mesh)
 
+    def on(self, mesh: Mesh) -> "Laminate":
+        sheets = lambda laminate: [layer.sheet for layer in laminate.layers]
+        return eqx.tree_at(sheets, self, [sheet.on(mesh) for sheet in sheets(self)])
+
     def director_fields(self) -> tuple[Float[Array, " F"], ...]:
         return tuple(field for layer in self.layers for field in layer.sheet.director_fields())
 

@@ -7,3 +7,4 @@ from .aligners import Motion as Motion
 from .aligners import NoAlignment as NoAlignment
 from .aligners import Similarity as Similarity
 from .icp import ICP as ICP
+from .register import register as register

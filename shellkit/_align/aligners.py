@@ -4,7 +4,7 @@ values."""
 
 import abc
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import ClassVar, overload
 
 import equinox as eqx
 import jax
@@ -14,6 +14,7 @@ from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Float, Int, Scalar
 
 from .._citation.papers import KABSCH_1976, UMEYAMA_1991
+from .._mesh.mesh import Mesh
 
 
 class Motion(eqx.Module):
@@ -31,17 +32,25 @@ class Motion(eqx.Module):
     scale: Scalar | None = None
     """$s$; `None` is one."""
 
-    def __call__(self, points: Float[Array, "n 3"]) -> Float[Array, "n 3"]:
-        """Move points, given as rows.
+    @overload
+    def __call__(self, points: Mesh) -> Mesh: ...
+
+    @overload
+    def __call__(self, points: Float[Array, "n 3"]) -> Float[Array, "n 3"]: ...
+
+    def __call__(self, points: Float[Array, "n 3"] | Mesh) -> Float[Array, "n 3"] | Mesh:
+        """Move points, given as rows, or a mesh.
 
         **Arguments:**
 
-        - `points`: shape `(n, 3)`; any points, not only those the motion was found on.
+        - `points`: shape `(n, 3)`; any points, not only those the motion was found on. Or a [`shellkit.Mesh`][].
 
         **Returns:**
 
-        The moved points, shape `(n, 3)`.
+        The moved points, shape `(n, 3)`, or the moved mesh.
         """
+        if isinstance(points, Mesh):
+            return points.with_vertices(self(points.vertices))
         turned = (points - self.origin) @ self.rotation
         return self.onto + (turned if self.scale is None else self.scale * turned)
 

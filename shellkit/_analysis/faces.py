@@ -1,12 +1,9 @@
 """What an equilibrium costs where, and how the sheet is stressed there: energy and membrane stress face by face."""
 
-import jax
-import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .._energy import FormEnergy
 from .._equilibrium import Equilibrium
-from .._geometry.forms import Components, components, determinant, first_form, second_form
+from .._fields.stress import density_of, stress_of
 from .._problem.problem import InverseProblem
 
 
@@ -24,8 +21,8 @@ def energy_density(problem: InverseProblem, equilibrium: Equilibrium) -> Float[A
     **Returns:** an array of shape `(F,)`, in units of pressure times length. Times the rest areas
     $\tfrac12\sqrt{\det g_r}$ it sums to the energy of those terms.
     """
-    metric, curvatures = _forms(problem, equilibrium)
-    return _energies(problem, equilibrium, metric, curvatures) / _areas(components(equilibrium.rest.metric))
+    at = equilibrium
+    return density_of(problem.energy, at.mesh, at.rest, at.vertices, at.directors)
 
 
 def membrane_stress(problem: InverseProblem, equilibrium: Equilibrium) -> Float[Array, "F 2 2"]:
@@ -50,43 +47,5 @@ def membrane_stress(problem: InverseProblem, equilibrium: Equilibrium) -> Float[
         The formula of T. C. Doyle and J. L. Ericksen, "Nonlinear elasticity", Advances in Applied Mechanics 4 (1956),
         53–115, for a sheet.
     """
-    metric, curvatures = _forms(problem, equilibrium)
-    # The off-diagonal component stands twice in the metric.
-    energies = lambda *g: _energies(problem, equilibrium, g, curvatures)
-    value, pull_back = jax.vjp(energies, *metric)
-    e11, e12, e22 = pull_back(jnp.ones_like(value))
-    e12 = 0.5 * e12
-    length = jnp.sqrt(metric[0])
-    shift, height = metric[1] / length, jnp.sqrt(determinant(metric)) / length
-    scale = 2 / (_areas(metric) * equilibrium.rest.thickness)
-    s11 = length**2 * e11 + 2 * length * shift * e12 + shift**2 * e22
-    s12 = height * (length * e12 + shift * e22)
-    s22 = height**2 * e22
-    rows = jnp.stack([jnp.stack([s11, s12], axis=-1), jnp.stack([s12, s22], axis=-1)], axis=-2)
-    return scale[:, None, None] * rows
-
-
-def _forms(problem: InverseProblem, equilibrium: Equilibrium) -> tuple[Components, dict[str, Components]]:
-    """The metric of the relaxed shape, and its curvature in each form that is measured."""
-    vertices, mesh, directors = equilibrium.vertices, equilibrium.mesh, equilibrium.directors
-    curvatures: dict[str, Components] = {}
-    for _, term in problem.energy.weighted_terms():
-        if isinstance(term, FormEnergy) and term.form is not None:
-            curvatures[term.form] = components(second_form(vertices, mesh, term.form, directors))
-    return components(first_form(vertices, mesh)), curvatures
-
-
-def _energies(
-    problem: InverseProblem, equilibrium: Equilibrium, metric: Components, curvatures: dict[str, Components]
-) -> Float[Array, " F"]:
-    total = jnp.zeros(equilibrium.mesh.n_faces)
-    for weight, term in problem.energy.weighted_terms():
-        if isinstance(term, FormEnergy):
-            data = term.element_data(equilibrium.mesh, equilibrium.rest)
-            energy = term.density(metric, None if term.form is None else curvatures[term.form], data)
-            total = total + (energy if weight is None else weight * energy)
-    return total
-
-
-def _areas(metric: Components) -> Float[Array, " F"]:
-    return 0.5 * jnp.sqrt(determinant(metric))
+    at = equilibrium
+    return stress_of(problem.energy, at.mesh, at.rest, at.vertices, at.directors)

@@ -13,7 +13,8 @@ from jaxtyping import Array, ArrayLike, Float, PyTree
 from .._equilibrium import Equilibrium
 from .._fit.design import Design, split
 from .._problem.problem import InverseProblem
-from .._solve.null_space import orthonormal
+from .._problem.states import Equilibria, Shape, Shell, States
+from .._solve.null_space import orthonormal, project_out
 
 
 _BLOCK = 32  # directions a call
@@ -38,11 +39,12 @@ class Identifiability(eqx.Module):
     directions: dict[str, Array]
     """$p_k$, orthonormal: for each array by its name, shape (k, ...) with the shape of the array behind."""
     shapes: Float[Array, "k V 3"]
-    """$u_k$, as fields with a mean square of one over the vertices; zero where $\\sigma_k$ is."""
+    """$u_k$, as fields with a mean square of one over the vertices, those of all states one after another; zero where
+    $\\sigma_k$ is."""
     scale: dict[str, Array]
     """The unit of each parameter, in the shape of its array."""
-    equilibrium: Equilibrium
-    """Where the derivative was taken."""
+    equilibrium: Any
+    """Where the derivative was taken: an [`shellkit.Equilibrium`][], or those of all states."""
     complete: bool = eqx.field(static=True)
     """Whether these are all directions; if not, all others have smaller singular values."""
 
@@ -156,11 +158,11 @@ class Identifiability(eqx.Module):
 
 
 def identifiability(
-    problem: InverseProblem,
+    problem: Shell,
     where: Callable[[Any], PyTree] | None = None,
     scale: float | Mapping[str, ArrayLike] = 1.0,
     count: int | None = None,
-    equilibrium: Equilibrium | None = None,
+    equilibrium: Shape | None = None,
     seed: int = 0,
 ) -> Identifiability:
     r"""Which parameters the shape at equilibrium tells of, and to which it is sensitive.
@@ -173,7 +175,7 @@ def identifiability(
 
     **Arguments:**
 
-    - `problem`: the shell. It needs no loss.
+    - `problem`: the shell, or its states: what one shape cannot tell, several may. It needs no loss.
     - `where`: a function from the problem to the array or arrays that count as parameters; by default those of the
         actuation.
     - `scale`: a change of each parameter that counts as equal to that of others, in its own unit: one number, or by
@@ -205,7 +207,8 @@ def identifiability(
             "shellkit.RESULTS[equilibrium.result], or give an equilibrium found along a path."
         )
     parameters = sum(value.size for value in values.values())
-    coordinates = 3 * problem.mesh.n_vertices
+    vertices = sum(state.mesh.n_vertices for state, _ in _shells(problem, equilibrium))
+    coordinates = 3 * vertices
     smaller = min(parameters, coordinates)
     if count is not None and not 1 <= count <= smaller:
         raise ValueError(f"identifiability: count={count}, but it must be between 1 and {smaller}.")
@@ -220,7 +223,7 @@ def identifiability(
         value = values[name]
         directions[name] = jnp.asarray(right[:, at : at + value.size]).reshape(-1, *value.shape)
         at += value.size
-    shapes = np.sqrt(problem.mesh.n_vertices) * left.reshape(-1, problem.mesh.n_vertices, 3)
+    shapes = np.sqrt(vertices) * left.reshape(-1, vertices, 3)
     return Identifiability(
         singular_values=jnp.asarray(sizes),
         directions=directions,
@@ -248,7 +251,7 @@ class _Derivative:
     """The derivative of the shape, over the root of the number of vertices, in the parameters in units of their scale:
     products with blocks of directions, one a row."""
 
-    def __init__(self, design: Design, values: dict[str, Array], scales: dict[str, Array], equilibrium: Equilibrium):
+    def __init__(self, design: Design, values: dict[str, Array], scales: dict[str, Array], equilibrium: Shape):
         self.parts = design, values, scales, equilibrium
 
     def forward(self, rows: np.ndarray) -> np.ndarray:
@@ -268,18 +271,31 @@ class _Derivative:
         return np.concatenate(found)
 
 
-def _shape(design: Design, values: dict[str, Array], scales: dict[str, Array], equilibrium: Equilibrium):
-    """The shape as a function of the flat changes of the parameters, modulo rigid motions."""
-    problem = design.problem(values)
-    assembly, size = problem.assembly, 3 * problem.mesh.n_vertices
-    basis = None
+def _shells(problem: Shell, equilibrium: Shape) -> list[tuple[InverseProblem, Equilibrium]]:
+    """The single shells of a design with their equilibria: one, or one for each state."""
+    if isinstance(problem, States):
+        assert isinstance(equilibrium, Equilibria)
+        return [(problem[name], equilibrium[name]) for name in problem.names]
+    assert isinstance(equilibrium, Equilibrium)
+    return [(problem, equilibrium)]
+
+
+def _rigid_basis(problem: InverseProblem, equilibrium: Equilibrium) -> Float[Array, "m k"] | None:
+    """Rigid motions of the vertices that cost nothing, orthonormal; `None` if there is none."""
     motions = problem.rigid_motions()
-    if motions is not None:
-        motions = motions(assembly.restrict(assembly.join(equilibrium.vertices, equilibrium.directors)))
-        still = jnp.zeros(assembly.size)
-        field = lambda motion: assembly.split(assembly.extend(motion, still))[0].reshape(-1)
-        fields = jax.vmap(field, in_axes=1, out_axes=1)(motions)
-        basis = orthonormal(jax.lax.stop_gradient(fields))
+    if motions is None:
+        return None
+    dofs = problem.assembly.dofs
+    fields = jax.vmap(lambda motion: dofs.motion(motion).vertices.reshape(-1), in_axes=1, out_axes=1)
+    return orthonormal(jax.lax.stop_gradient(fields(motions(dofs.gather(equilibrium.unknowns)))))
+
+
+def _shape(design: Design, values: dict[str, Array], scales: dict[str, Array], equilibrium: Shape):
+    """The shape, or those of all states one after another, as a function of the flat changes of the parameters, modulo
+    rigid motions."""
+    shells = _shells(design.problem(values), equilibrium)
+    bases = [_rigid_basis(*shell) for shell in shells]
+    vertices = sum(problem.mesh.n_vertices for problem, _ in shells)
 
     def shape(change: Float[Array, " n"]) -> Float[Array, " m"]:
         moved, at = {}, 0
@@ -287,10 +303,11 @@ def _shape(design: Design, values: dict[str, Array], scales: dict[str, Array], e
             value = values[name]
             moved[name] = value + scales[name] * change[at : at + value.size].reshape(value.shape)
             at += value.size
-        vertices = design.problem(moved).near(equilibrium).vertices.reshape(-1)
-        if basis is not None:
-            vertices = vertices - basis @ (basis.T @ vertices)
-        return vertices / jnp.sqrt(size / 3)
+        problem = design.problem(moved)
+        shapes = []
+        for (_, found), basis in zip(_shells(problem, problem.near(equilibrium)), bases, strict=True):
+            shapes.append(project_out(basis, found.vertices.reshape(-1)))
+        return jnp.concatenate(shapes) / jnp.sqrt(vertices)
 
     return shape, jnp.zeros(sum(value.size for value in values.values()))
 

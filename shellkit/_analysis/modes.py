@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Scalar
 
-from .._energy import Assembly, Constraint
+from .._energy import DofMap, Unknowns
 from .._equilibrium import Equilibrium
 from .._geometry.surface import edge_lengths, vertex_areas
 from .._problem.problem import InverseProblem
@@ -130,15 +130,15 @@ def vibration_modes(problem: InverseProblem, count: int = 10, equilibrium: Equil
     values, mixture = eigh(energies, masses)
     values, shapes = jnp.asarray(values[:count]), jnp.asarray(mixture.T[:count]) @ basis
     errors = _errors(solver, factor, pencil, shift, values, shapes)
-    modes, directors = _fields(problem.assembly, shapes)
-    return Modes(values, modes, directors, errors, equilibrium)
+    modes = _fields(problem.assembly.dofs, shapes)
+    return Modes(values, modes.vertices, modes.directors, errors, equilibrium)
 
 
 def _check_count(problem: InverseProblem, count: int) -> None:
-    free, massive = problem.assembly.free, 3 * problem.mesh.n_vertices
+    free, massive = problem.assembly.dofs.free, 3 * problem.mesh.n_vertices
     available = massive if free is None else int(np.count_nonzero(np.asarray(free) < massive))
     available -= problem.origin.most_motions
-    available -= sum(isinstance(term, Constraint) for _, term in problem.energy.weighted_terms())
+    available -= problem.assembly.n_constraints
     if not 1 <= count <= available // 2:
         raise ValueError(
             f"vibration_modes: count={count}, but it must be between 1 and {available // 2}, half the number of modes; "
@@ -178,9 +178,9 @@ class _Pencil(eqx.Module):
 
 @eqx.filter_jit
 def _pencil(problem: InverseProblem, equilibrium: Equilibrium) -> _Pencil:
-    assembly, mesh = problem.assembly, problem.mesh
+    dofs, mesh = problem.assembly.dofs, problem.mesh
     energy = problem.discrete_energy()
-    y = assembly.restrict(assembly.join(equilibrium.vertices, equilibrium.directors))
+    y = dofs.gather(equilibrium.unknowns)
     if energy.quantities is None:
         stiffness = matrix = energy.hessian(y)
     else:
@@ -190,7 +190,7 @@ def _pencil(problem: InverseProblem, equilibrium: Equilibrium) -> _Pencil:
         energy, matrix = energy.held_by(multipliers), stiffness.sparse
     assert isinstance(matrix, SparseSymmetric)
     areas = vertex_areas(mesh.vertices, mesh)
-    mass = assembly.restrict(jnp.concatenate([jnp.repeat(areas, 3), jnp.zeros(assembly.n_directors)]))
+    mass = dofs.per_unknown(areas, 0.0)
     rigid = None
     motions = problem.rigid_motions()
     if motions is not None:
@@ -261,9 +261,6 @@ def _errors(
 
 
 @eqx.filter_jit
-def _fields(
-    assembly: Assembly, shapes: Float[Array, "k n"]
-) -> tuple[Float[Array, "k V 3"], Float[Array, "k E"] | None]:
-    """Displacements and turns of edge normals from free unknowns."""
-    still = jnp.zeros(assembly.size)
-    return jax.vmap(lambda shape: assembly.split(assembly.extend(shape, still)))(shapes)
+def _fields(dofs: DofMap, shapes: Float[Array, "k n"]) -> Unknowns:
+    """Displacements and turns of edge normals from free unknowns, of each shape."""
+    return jax.vmap(dofs.motion)(shapes)

@@ -10,10 +10,9 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, PyTree, Scalar
 
-from .._equilibrium import Equilibrium
 from .._fit.design import Design, split
 from .._fit.step import objective, relaxation
-from .._problem.problem import InverseProblem
+from .._problem.states import Shape, Shell
 
 
 _WIDEST = 1e-2  # of the typical size of an array: the largest step of the finite differences
@@ -70,7 +69,7 @@ class TaylorReport(eqx.Module):
 
 
 def taylor_test(
-    problem: InverseProblem,
+    problem: Shell,
     where: Callable[[Any], PyTree] | None = None,
     seed: int = 0,
     halvings: int = 4,
@@ -83,7 +82,7 @@ def taylor_test(
 
     **Arguments:**
 
-    - `problem`: with a loss.
+    - `problem`: with a loss; or several states of one.
     - `where`: a function from the problem to the array or arrays to differentiate in; by default those of the
         actuation.
     - `seed`: of the direction. Its entries are normal, times the typical size of their array.
@@ -139,9 +138,7 @@ def _direction(values: dict[str, Array], rng: np.random.Generator) -> dict[str, 
     return {name: jnp.asarray(sizes[name] * rng.normal(size=value.shape)) for name, value in values.items()}
 
 
-def _derivatives(
-    design: Design, values: dict[str, Array], direction: dict[str, Array]
-) -> tuple[Scalar, Scalar, Equilibrium]:
+def _derivatives(design: Design, values: dict[str, Array], direction: dict[str, Array]) -> tuple[Scalar, Scalar, Shape]:
     """The derivative of the loss along a direction, by adjoint and by tangent, and the equilibrium."""
     return _responses(design, values, direction, relaxation(design.problem(values), None))
 
@@ -149,7 +146,7 @@ def _derivatives(
 @eqx.filter_jit
 def _responses(
     design: Design, values: dict[str, Array], direction: dict[str, Array], found: Any
-) -> tuple[Scalar, Scalar, Equilibrium]:
+) -> tuple[Scalar, Scalar, Shape]:
     def loss(values):
         value, (_, equilibrium) = objective(design.problem(values), found, None)
         return value, equilibrium
@@ -161,7 +158,7 @@ def _responses(
 
 
 def _loss_along(
-    design: Design, values: dict[str, Array], direction: dict[str, Array], h: Scalar, start: Equilibrium
+    design: Design, values: dict[str, Array], direction: dict[str, Array], h: Scalar, start: Shape
 ) -> tuple[Scalar, Bool[Array, ""]]:
     """The loss some way along a direction, on the branch of equilibria that `start` is on; and if it converged."""
     moved = _moved(values, direction, h)
@@ -182,7 +179,7 @@ def _loss_at(design: Design, values: dict[str, Array], found: Any) -> tuple[Scal
 class _Line:
     """A function of one number, evaluated on the host, that remembers whether it could be relied on."""
 
-    def __init__(self, function: Callable[[float], tuple[Scalar, Bool[Array, ""]]], start: Equilibrium):
+    def __init__(self, function: Callable[[float], tuple[Scalar, Bool[Array, ""]]], start: Shape):
         self.function = function
         self.converged = bool(start.converged)
 

@@ -237,6 +237,14 @@ SCHWEIZERHOF_1984 = """@article{schweizerhof1984displacement,
     year = {1984},
 }"""
 
+SITZMANN_2020 = """@inproceedings{sitzmann2020implicit,
+    author = {Sitzmann, Vincent and Martel, Julien N. P. and Bergman, Alexander W. and Lindell, David B. and
+        Wetzstein, Gordon},
+    title = {Implicit neural representations with periodic activation functions},
+    booktitle = {Advances in Neural Information Processing Systems 33},
+    year = {2020},
+}"""
+
 STEIGMANN_1990 = """@article{steigmann1990tension,
     author = {Steigmann, David J.},
     title = {Tension-field theory},

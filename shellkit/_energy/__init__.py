@@ -10,7 +10,9 @@ from .constraints import Constraint as Constraint
 from .constraints import Inflation as Inflation
 from .constraints import VolumeConstraint as VolumeConstraint
 from .discrete.assembly import Assembly as Assembly
+from .discrete.dofs import DofMap as DofMap
 from .discrete.energy import DiscreteEnergy as DiscreteEnergy
+from .discrete.unknowns import Unknowns as Unknowns
 from .loads.contact import PlaneContact as PlaneContact
 from .loads.contact import SphereContact as SphereContact
 from .loads.dead import DeadLoad as DeadLoad
@@ -20,7 +22,6 @@ from .loads.dead import PointLoad as PointLoad
 from .loads.dead import SurfaceLoad as SurfaceLoad
 from .loads.followers import EdgeMoment as EdgeMoment
 from .loads.followers import Pressure as Pressure
-from .loads.followers import refuse_held_moments as refuse_held_moments
 from .loads.foundation import Foundation as Foundation
 from .materials.bending import Bending as Bending
 from .materials.bending import DihedralBending as DihedralBending
@@ -32,3 +33,4 @@ from .materials.orthotropic import OrthotropicStretching as OrthotropicStretchin
 from .materials.stretching import NeoHookean as NeoHookean
 from .materials.stretching import StVenantKirchhoff as StVenantKirchhoff
 from .materials.tension import TensionField as TensionField
+from .terms import Terms as Terms

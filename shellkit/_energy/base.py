@@ -32,12 +32,6 @@ class AbstractEnergy(eqx.Module):
         """This energy with the vertices that it names spelled out as indices, which a problem stores and `jit` can pass
         on."""
 
-    @property
-    def bends(self) -> bool:
-        """Whether a term depends on curvature."""
-        terms = (term for _, term in self.weighted_terms())
-        return any(isinstance(term, FormEnergy) and term.form is not None for term in terms)
-
     def __add__(self, other: "AbstractEnergy") -> "SumOfEnergies":
         if not isinstance(other, AbstractEnergy):
             return NotImplemented

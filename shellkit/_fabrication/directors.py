@@ -11,8 +11,9 @@ from .._actuation.director_layers import Directors
 from .._fit.history import FitResult
 from .._geometry.directors import directors as vectors
 from .._mesh.mesh import Mesh
+from .._mesh.units import millimetres
 from .._problem.problem import InverseProblem
-from .sheet import Sheet, checked_path, millimetres, require_flat, sheet_of
+from .sheet import Sheet, checked_path, require_flat, sheet_of
 
 
 _OWNER = "export_directors"

@@ -8,10 +8,11 @@ import numpy as np
 from .._actuation.director_layers import Directors
 from .._fit.history import FitResult
 from .._mesh.mesh import Mesh
+from .._mesh.units import millimetres
 from .._problem.problem import InverseProblem
 from .drawings import Drawing, write_dxf, write_svg
 from .placement import streamlines
-from .sheet import Sheet, checked_path, millimetres, require_flat, sheet_of
+from .sheet import Sheet, checked_path, require_flat, sheet_of
 
 
 _OWNER = "export_streamlines"

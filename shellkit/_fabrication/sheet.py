@@ -13,9 +13,6 @@ from .._mesh.mesh import Mesh
 from .._problem.problem import InverseProblem
 
 
-_MILLIMETRES = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 1e-3, "in": 25.4}
-
-
 class Sheet(NamedTuple):
     """A surface at rest, and the angles of its layers by name."""
 
@@ -49,13 +46,6 @@ def sheet_of(owner: str, thing: Mesh | InverseProblem | FitResult, directors: Di
     if not layers:
         raise ValueError(f"{owner}: there are no directors; give directors=angles, or an actuation that has them.")
     return Sheet(mesh, dict(zip(layer_names(len(layers)), layers, strict=True)))
-
-
-def millimetres(owner: str, unit: str) -> float:
-    """How many millimetres a unit of length is."""
-    if unit not in _MILLIMETRES:
-        raise ValueError(f"{owner}: unit is {unit!r}; choose one of {', '.join(map(repr, _MILLIMETRES))}.")
-    return _MILLIMETRES[unit]
 
 
 def checked_path(owner: str, path: str | os.PathLike, known: tuple[str, ...]) -> Path:

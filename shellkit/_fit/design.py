@@ -11,6 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PyTree
 
+from .._problem.selection import name_of, selected
+
 
 @dataclass(frozen=True)
 class Bounds:
@@ -93,13 +95,13 @@ def split(
     **Raises:** `ValueError` if `where` picks what cannot be trained, or as `Bounds` says.
     """
     if where is None:
-        names = selected(problem, lambda p: p.actuation, "where=None", inexact_only=True)
-        if not names:
+        if not any(eqx.is_inexact_array(leaf) for leaf in jax.tree.leaves(problem.actuation)):
             kind = type(problem.actuation).__name__
             raise ValueError(
                 f"where=None trains the inexact arrays of problem.actuation, and {kind} has none: "
                 "pass where=lambda p: ... to choose other arrays of the problem."
             )
+        names = selected(problem, lambda p: p.actuation, "where=None")
     else:
         names = selected(problem, where, "where")
     return split_at(problem, names, bounds)
@@ -107,9 +109,9 @@ def split(
 
 def split_at(problem: Any, names: Sequence[str], bounds: Sequence[Bounds] = ()) -> tuple[Design, dict[str, Array]]:
     """As `split`, for arrays given by their names."""
-    spec = jax.tree_util.tree_map_with_path(lambda path, _: _name(path) in names, problem)
+    spec = jax.tree_util.tree_map_with_path(lambda path, _: name_of(path) in names, problem)
     trained, frozen = eqx.partition(problem, spec)
-    found = {_name(path): jnp.asarray(leaf) for path, leaf in jax.tree_util.tree_leaves_with_path(trained)}
+    found = {name_of(path): jnp.asarray(leaf) for path, leaf in jax.tree_util.tree_leaves_with_path(trained)}
     intervals = {}
     for limits in bounds:
         for name in selected(problem, limits.where, "Bounds.where"):
@@ -119,40 +121,6 @@ def split_at(problem: Any, names: Sequence[str], bounds: Sequence[Bounds] = ()) 
     return Design(frozen, intervals, tuple(found), jax.tree.structure(trained)), found
 
 
-def selected(problem: Any, where: Callable[[Any], PyTree], what: str, inexact_only: bool = False) -> list[str]:
-    """The names of the arrays that a function picks from a problem, found by handing it a copy of the problem whose
-    leaves are their own paths. With `inexact_only`, other leaves are passed over instead of refused."""
-    leaves = {_name(path): leaf for path, leaf in jax.tree_util.tree_leaves_with_path(problem)}
-    marked = jax.tree_util.tree_map_with_path(lambda path, _: _Mark(_name(path)), problem)
-    try:
-        picked = jax.tree.leaves(where(marked), is_leaf=lambda node: node is None)
-    except Exception as error:
-        raise ValueError(
-            f"{what} must only pick parts of the problem, as in lambda p: (p.actuation.top.angle, "
-            f"p.actuation.bottom.angle); it failed with {type(error).__name__}: {error}"
-        ) from error
-    if inexact_only:
-        return [mark.name for mark in picked if isinstance(mark, _Mark) and eqx.is_inexact_array(leaves[mark.name])]
-    if not picked:
-        raise ValueError(f"{what} picked nothing from the problem: let it return at least one array.")
-    names = []
-    for place, mark in enumerate(picked):
-        if not isinstance(mark, _Mark):
-            absent = "None: an absent part" if mark is None else f"{mark!r}, which is no array of the problem"
-            raise ValueError(f"{what}: item {place} is {absent}. Pick floating-point arrays of the problem.")
-        leaf = leaves[mark.name]
-        if not eqx.is_inexact_array(leaf):
-            kind = f"an array of {leaf.dtype}" if eqx.is_array(leaf) else f"a {type(leaf).__name__}"
-            raise ValueError(
-                f"{what} picked {mark.name}, {kind}: only floating-point arrays can be trained. "
-                "Make it a jnp array of floats, or leave it out."
-            )
-        if mark.name in names:
-            raise ValueError(f"{what} picked {mark.name} twice.")
-        names.append(mark.name)
-    return names
-
-
 @dataclass(frozen=True)
 class Named:
     """Picks arrays from a problem by their names: a `where` that can be sent to another process."""
@@ -160,17 +128,8 @@ class Named:
     names: tuple[str, ...]
 
     def __call__(self, problem: Any) -> list[Any]:
-        found = {_name(path): leaf for path, leaf in jax.tree_util.tree_leaves_with_path(problem)}
+        found = {name_of(path): leaf for path, leaf in jax.tree_util.tree_leaves_with_path(problem)}
         return [found[name] for name in self.names]
-
-
-@dataclass(frozen=True)
-class _Mark:
-    name: str
-
-
-def _name(path: Any) -> str:
-    return jax.tree_util.keystr(path, simple=True, separator=".")
 
 
 def _interval(name: str, value: Float[Array, "..."], limits: Bounds) -> Interval:

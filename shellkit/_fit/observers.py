@@ -13,6 +13,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from .._package.distribution import DISTRIBUTION
 from .choices import check_count
 from .history import FitStep
 
@@ -107,7 +108,7 @@ class TensorBoard:
 
     - `folder`: where to.
 
-    **Raises:** `ImportError` without the extra `shellkit[tensorboard]`.
+    **Raises:** `ImportError` without the extra `tensorboard`.
     """
 
     folder: str | os.PathLike
@@ -116,7 +117,7 @@ class TensorBoard:
         try:
             import tensorboardX  # noqa: F401  # pyright: ignore[reportMissingImports]
         except ImportError as error:
-            raise ImportError("TensorBoard needs tensorboardX: pip install 'shellkit[tensorboard]'") from error
+            raise ImportError(f"TensorBoard needs tensorboardX: pip install '{DISTRIBUTION}[tensorboard]'") from error
 
     @contextmanager
     def opened(self, steps: int, done: int) -> Iterator[Told]:

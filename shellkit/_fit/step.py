@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Scalar
 
 from .._problem.problem import InverseProblem
+from .._problem.states import States
 from .._programs.compiling import FASTEST, program
 from .._programs.tracing import known
 from .._programs.waiting import announce
@@ -66,7 +67,7 @@ def relaxation(problem: Any, start: Any) -> Any:
 
 def relaxes_by_itself(problem: Any) -> bool:
     """Whether the relaxation of a problem is a program of its own, and needed."""
-    return isinstance(problem, InverseProblem) and problem.needs_shape
+    return isinstance(problem, InverseProblem | States) and problem.needs_shape
 
 
 def objective(problem: Any, found: Any, start: Any) -> tuple[Any, tuple[dict[str, Any], Any]]:
@@ -78,7 +79,7 @@ def compile_ahead(design: Design, free: dict[str, Array]) -> None:
     """Compile the two programs of a gradient step at once: while one is compiled the other is traced. They are found
     compiled when they are called; nothing happens where they are already."""
     problem = design.problem(design.values(free))
-    if relaxes_by_itself(problem):
+    if isinstance(problem, InverseProblem) and problem.needs_shape:
         asked = problem.asked()
         compiling = threading.Thread(target=relax.lower(*asked).compile, daemon=True)
         compiling.start()
@@ -129,9 +130,10 @@ def advance(
         value, (_, equilibrium) = design.problem(design.values(free)).objective(start=start)
         return value if equilibrium is None else jnp.where(equilibrium.converged, value, jnp.inf)
 
-    update, state = optax.with_extra_args_support(optimiser).update(
-        gradient, state, free, value=loss, grad=gradient, value_fn=value_fn
-    )
+    with jax.numpy_dtype_promotion("standard"):  # optax mixes counts and rates
+        update, state = optax.with_extra_args_support(optimiser).update(
+            gradient, state, free, value=loss, grad=gradient, value_fn=value_fn
+        )
     return strong(update), strong(state)
 
 
@@ -147,16 +149,15 @@ def predict(design: Design, anchor: dict[str, Array], free: dict[str, Array], eq
 
     def shape(free):
         problem = design.problem(design.values(free))
-        if isinstance(problem, InverseProblem):
+        if isinstance(problem, InverseProblem | States):
             found = problem.near(equilibrium)
         else:
             _, (_, found) = problem.objective(start=equilibrium)
-        return found.vertices, found.directors
+        return found.unknowns
 
     step = jax.tree.map(jnp.subtract, free, anchor)
     shape_there, motion = jax.jvp(shape, (anchor,), (step,))
-    moved = jax.tree.map(jnp.add, shape_there, motion)
-    return eqx.tree_at(lambda e: (e.vertices, e.directors), equilibrium, moved, is_leaf=lambda node: node is None)
+    return equilibrium.with_unknowns(jax.tree.map(jnp.add, shape_there, motion))
 
 
 def _diagnostics(equilibrium: Any) -> dict[str, Scalar]:

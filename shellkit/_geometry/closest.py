@@ -5,16 +5,17 @@ its derivatives are exact wherever the nearest corner, edge or inside of a trian
 import atexit
 import functools
 import importlib.util
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, ArrayLike, Float, Int
 
 from .rowwise import dot, over, unit
 
 
+_Nearest: TypeAlias = tuple[np.ndarray, np.ndarray]  # squared distances, shape (n,), and the numbers of the faces
 _FIRST = 8  # neighbours asked for at first; then four times as many for those that are not settled
 _ON_SIDE = 1e-12  # a barycentric weight that is as good as zero
 _PAIRS = 400_000  # pairs of a point and a triangle measured at once
@@ -100,7 +101,9 @@ def normal_projections(
     return jnp.where(count == 0, inside, jnp.where(count == 1, across, eye))
 
 
-def _weights_of_closest(p, a, b, c):
+def _weights_of_closest(
+    p: Float[Array, "n 3"], a: Float[Array, "n 3"], b: Float[Array, "n 3"], c: Float[Array, "n 3"]
+) -> Float[Array, "n 3"]:
     """Barycentric weights of the point of triangle (a, b, c) nearest to p: that of its plane, if inside, or the nearest
     of its three sides."""
     u, v, d = b - a, c - a, p - a
@@ -121,7 +124,7 @@ def _weights_of_closest(p, a, b, c):
     return jnp.stack([1 - s - t, s, t], axis=1)
 
 
-def _squared(d):
+def _squared(d: Float[Array, "n 3"]) -> Float[Array, " n"]:
     return jax.lax.stop_gradient(dot(d, d))
 
 
@@ -156,7 +159,7 @@ def host_closest(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, n
     return closest.T, best
 
 
-def _dot(a, b):
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
@@ -175,16 +178,17 @@ def _igl() -> Any:
     return importlib.import_module("igl") if importlib.util.find_spec("igl") else None
 
 
-def _search_by_tree(points, vertices, faces):
+def _search_by_tree(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> _Nearest:
     """Squared distances and numbers of the nearest faces, by a tree of boxes that is kept for the next search: an
     alignment asks for the same surface dozens of times."""
     vertices, faces = np.ascontiguousarray(vertices, float), np.ascontiguousarray(faces)
     tree = _tree(vertices.tobytes(), faces.tobytes())
-    return tree.squared_distance(vertices, faces, np.ascontiguousarray(points, float))
+    squared, found, _ = tree.squared_distance(vertices, faces, np.ascontiguousarray(points, float))
+    return squared, found
 
 
 @functools.lru_cache(maxsize=4)
-def _tree(vertices: bytes, faces: bytes):
+def _tree(vertices: bytes, faces: bytes) -> Any:
     tree = _igl().AABB()
     tree.init(np.frombuffer(vertices).reshape(-1, 3), np.frombuffer(faces, np.int64).reshape(-1, 3))
     return tree
@@ -194,7 +198,7 @@ def _tree(vertices: bytes, faces: bytes):
 atexit.register(_tree.cache_clear)
 
 
-def _search_by_scipy(points, vertices, faces):
+def _search_by_scipy(points: np.ndarray, vertices: np.ndarray, faces: np.ndarray) -> _Nearest:
     """Squared distances and numbers of the nearest faces.
 
     A triangle lies within a ball about its centroid, so that none beyond a certain distance of centroids can be
@@ -226,8 +230,28 @@ def _search_by_scipy(points, vertices, faces):
     return best, nearest
 
 
-def _take_nearer(points, rows, candidates, distance, radii, corners, best, nearest):
-    """Measures those candidates (one row a point) that may be nearer than the best, and takes the nearest of them."""
+def _take_nearer(
+    points: np.ndarray,
+    rows: np.ndarray,
+    candidates: np.ndarray,
+    distance: np.ndarray,
+    radii: np.ndarray,
+    corners: np.ndarray,
+    best: np.ndarray,
+    nearest: np.ndarray,
+) -> None:
+    """Measures those candidates that may be nearer than the best, and writes the nearest of them into `best` and
+    `nearest`.
+
+    **Arguments:**
+
+    - `points`: all of them, shape `(n, 3)`.
+    - `rows`: which points are asked about, shape `(k,)`.
+    - `candidates`, `distance`: for each of those the numbers of some faces, and how far their centroids are, shape
+        `(k, m)`.
+    - `radii`, `corners`: of all faces, shapes `(F,)` and `(F, 3, 3)`.
+    - `best`, `nearest`: squared distances and faces found so far for all points, shape `(n,)`; changed in place.
+    """
     which, column = np.nonzero(distance - radii[candidates] < np.sqrt(best[rows])[:, None])
     if not len(which):
         return
@@ -240,11 +264,11 @@ def _take_nearer(points, rows, candidates, distance, radii, corners, best, neare
     nearest[rows[which[won]]] = face[won]
 
 
-def _search_faces(points, vertices, faces):
+def _search_faces(points: ArrayLike, vertices: ArrayLike, faces: ArrayLike) -> np.ndarray:
     return search_faces(np.asarray(points), np.asarray(vertices), np.asarray(faces))
 
 
-def _search_points(points, target):
+def _search_points(points: ArrayLike, target: ArrayLike) -> np.ndarray:
     from scipy.spatial import KDTree
 
     points, target = np.asarray(points), np.asarray(target)

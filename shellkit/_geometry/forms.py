@@ -67,7 +67,7 @@ def curvature_from_bends(bends: Float[Array, "3 F"] | tuple[Array, Array, Array]
 
 def director_signs(mesh: Mesh) -> Float[Array, "3 F"]:
     """+1 where a face is the first of edge i, -1 where it is the second: how the face sees the edge's director."""
-    first = mesh.edge_faces[mesh.face_edges, 0] == jnp.arange(mesh.n_faces)[:, None]
+    first = mesh.edge_faces[mesh.face_edges, 0] == jnp.arange(mesh.n_faces, dtype=mesh.faces.dtype)[:, None]
     return jnp.where(first, 1.0, -1.0).T.astype(mesh.vertices.dtype)
 
 

@@ -228,7 +228,7 @@ def _squared_norms(patches: Float[Array, "n 7"], width: Scalar, scales: int, ori
     def squared_norm(width):
         return _product(patches, patches, _Kernel(width, jnp.ones(1, patches.dtype), oriented))
 
-    return jax.lax.map(squared_norm, width * 0.5 ** jnp.arange(scales))
+    return jax.lax.map(squared_norm, width * 0.5 ** jnp.arange(scales, dtype=float))
 
 
 def _checked_width(width: ArrayLike | None, target: Mesh) -> Scalar:

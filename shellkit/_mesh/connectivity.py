@@ -11,6 +11,15 @@ import numpy as np
 from jaxtyping import Int
 
 
+class SurfaceError(ValueError):
+    """What is no oriented surface: what is wrong and where, the remedy for arrays, and the one for a file."""
+
+    def __init__(self, fault: str, remedy: str = "", in_file: str = "", reverse: Int[np.ndarray, " n"] | None = None):
+        super().__init__(f"{fault} {remedy}".strip())
+        self.of_file = f"{fault} {in_file}"
+        self.reverse = reverse  # the faces to reverse, where that is all
+
+
 class Connectivity(NamedTuple):
     """The integer arrays of a `Mesh`; see there for what each holds."""
 
@@ -88,16 +97,20 @@ def _check_corners(faces, n_vertices):
     outside = (faces < 0) | (faces >= n_vertices)
     if outside.any():
         where = np.flatnonzero(outside.any(1))
-        raise ValueError(
+        raise SurfaceError(
             f"vertex index out of range: face {where[0]} is {faces[where[0]].tolist()}, but there are {n_vertices} "
-            f"vertices, 0 to {n_vertices - 1} (faces with such an index: {listed(where)}). Indices count from 0."
+            f"vertices, 0 to {n_vertices - 1} (faces with such an index: {listed(where)}).",
+            remedy="Indices count from 0.",
+            in_file="The file is not whole, or counts from elsewhere than its format does: write it anew.",
         )
     a, b, c = faces.T
     repeated = np.flatnonzero((a == b) | (b == c) | (c == a))
     if len(repeated):
-        raise ValueError(
+        raise SurfaceError(
             f"repeated corner: face {repeated[0]} is {faces[repeated[0]].tolist()}; a face needs three different "
-            f"vertices (faces with a repeated corner: {listed(repeated)}). Delete these faces: they have no area."
+            f"vertices (faces with a repeated corner: {listed(repeated)}).",
+            remedy="Delete these faces: they have no area.",
+            in_file="They have no area: Mesh.read(path, weld=True) leaves them out.",
         )
 
 
@@ -108,9 +121,11 @@ def _check_repeats(faces):
     same = (np.diff(corners) == 0).all(0)
     if same.any():
         at = int(np.argmax(same))
-        raise ValueError(
+        raise SurfaceError(
             f"repeated face: faces {order[at]} and {order[at + 1]} both have the corners {corners[:, at].tolist()} "
-            f"({int(same.sum())} such repeats in all). Keep one of each."
+            f"({int(same.sum())} such repeats in all).",
+            remedy="Keep one of each.",
+            in_file="Mesh.read(path, weld=True) keeps the first of each.",
         )
 
 
@@ -121,9 +136,11 @@ def _check_edges(tails, heads, order, starts, counts):
         edges = "; ".join(
             f"edge ({tails[h[0]]}, {heads[h[0]]}) belongs to {len(h)} faces: {listed(h // 3)}" for h in sides
         )
-        raise ValueError(
-            f"not a surface: {edges} ({len(crowded)} such edges in all). At most two faces may share an edge: delete "
-            "those that are too many, or give each sheet its own copies of the edge's vertices."
+        raise SurfaceError(
+            f"not a surface: {edges} ({len(crowded)} such edges in all). At most two faces may share an edge:",
+            remedy="delete those that are too many, or give each sheet its own copies of the edge's vertices.",
+            in_file="take the others out in the program that the file comes from (walls inside a body, sheets that "
+            "meet). Where it is read with weld, a smaller tolerance keeps sheets apart that only lie close.",
         )
 
 
@@ -144,20 +161,26 @@ def _check_orientation(tails, heads, left, right, n_faces):
     _, label = components(2 * n_faces, np.concatenate([f, f + n_faces]), np.concatenate([g + flip, g + n_faces - flip]))
     given, reversed_ = label[:n_faces], label[n_faces:]
     if (given == reversed_).any():
-        raise ValueError(
-            f"{place}. No reversal of faces helps: the surface is one-sided, as a Moebius strip. Cut it open."
-        )
+        cut = "No reversal of faces helps: the surface is one-sided, as a Moebius strip. Cut it open"
+        raise SurfaceError(f"{place}.", remedy=f"{cut}.", in_file=f"{cut} in the program that the file comes from.")
     size = np.bincount(label[:n_faces], minlength=label.max() + 1)
     wrong = np.flatnonzero((size[given] < size[reversed_]) | ((size[given] == size[reversed_]) & (given > reversed_)))
-    raise ValueError(f"{place}. Reverse these faces, as in faces[i] = faces[i, ::-1]: {listed(wrong, 20)}.")
+    raise SurfaceError(
+        f"{place}.",
+        remedy=f"Reverse these faces, as in faces[i] = faces[i, ::-1]: {listed(wrong, 20)}.",
+        in_file=f"Mesh.read(path, orient=True) reverses the {len(wrong)} that are turned the wrong way.",
+        reverse=wrong,
+    )
 
 
 def _check_vertices(faces, twins, n_vertices):
     unused = np.flatnonzero(np.bincount(faces.ravel(), minlength=n_vertices) == 0)
     if len(unused):
-        raise ValueError(
-            f"unused vertex: no face has vertex {listed(unused)}. Drop them: "
-            "used, renumbered = numpy.unique(faces, return_inverse=True); vertices, faces = vertices[used], renumbered."
+        raise SurfaceError(
+            f"unused vertex: no face has vertex {listed(unused)}.",
+            remedy="Drop them: used, renumbered = numpy.unique(faces, return_inverse=True); vertices, faces = "
+            "vertices[used], renumbered.reshape(-1, 3).",
+            in_file="Mesh.read(path, drop_unused=True) leaves them out.",
         )
     # Corners of neighbouring faces at the same vertex are linked; each vertex must be one linked fan of them.
     inner = np.flatnonzero(twins >= 0)
@@ -172,8 +195,11 @@ def _check_vertices(faces, twins, n_vertices):
         pinched = np.flatnonzero(fans > 1)
         at = np.flatnonzero(faces.ravel() == pinched[0])
         examples = at[np.unique(fan[at], return_index=True)[1]] // 3
-        raise ValueError(
+        raise SurfaceError(
             f"the surface touches itself at a point: the faces around vertex {pinched[0]} form {fans[pinched[0]]} "
             f"separate fans, one with face {' and one with face '.join(map(str, examples))} (such vertices: "
-            f"{listed(pinched)}). Give each fan its own copy of the vertex."
+            f"{listed(pinched)}).",
+            remedy="Give each fan its own copy of the vertex.",
+            in_file="Take the parts apart there, in the program that the file comes from; or, where faces of several "
+            "solids were joined, write each to a file of its own.",
         )

@@ -2,6 +2,7 @@
 Equinox module, so that a mesh passes through `jit`, `grad` and `vmap` and its vertices can be trained."""
 
 import os
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 
 import equinox as eqx
@@ -15,8 +16,10 @@ from jaxtyping import Array, Bool, Float, Int
 from .._programs.precision import require_x64
 from .._programs.tracing import known
 from . import files
-from .connectivity import connect, listed
-from .quality import MeshQuality, measure
+from .connectivity import SurfaceError, connect, listed
+from .formats.content import MeshTopologyWarning
+from .quality import MeshQuality, doubts, measure
+from .units import MILLIMETRES, millimetres
 
 
 class Mesh(eqx.Module):
@@ -88,31 +91,59 @@ class Mesh(eqx.Module):
         self.face_data = _data(face_data, "face", len(corners))
 
     @staticmethod
-    def read(path: str | os.PathLike) -> "Mesh":
+    def read(
+        path: str | os.PathLike,
+        *,
+        weld: float | int | bool | None = None,
+        split: bool = False,
+        drop_unused: bool = False,
+        orient: bool = False,
+        unit: str | None = None,
+    ) -> "Mesh":
         """Reads a mesh from a file, with its vertex and face data.
+
+        Vertices, faces and first corners come in the order of the file. Of an obj file, positions and faces are read:
+        seams of its texture do not tear the surface.
 
         **Arguments:**
 
         - `path`: a file in one of the formats obj, ply, stl, off, vtk, vtp, vtu, msh, told by its extension.
-
-        Vertices, faces and first corners come in the order of the file. An stl file holds unconnected triangles: their
-        corners are merged where they are exactly equal, and numbered as they are met.
+        - `weld`: vertices up to so far apart become one, in the unit of the file. `True` joins equal ones, and those at
+            open edges within 1e-4 of the diagonal of the surface and a tenth of the shortest edge there: noise, but
+            no gaps that are meant; `False` joins none, 0 equal ones. By default `True` for stl, whose triangles are not
+            connected, else `False`. Where vertices are joined, faces that are left without area or given twice go.
+        - `split`: cuts faces of more than three corners into triangles, so that the smallest angle is as large as can
+            be. Their data go to each part; angles of directors lose their meaning, as first edges change.
+        - `drop_unused`: leaves out vertices that no face has.
+        - `orient`: reverses the faces, of each piece the fewer ones, whose orientation differs from the others'.
+        - `unit`: of the file, `"mm"`, `"cm"`, `"m"`, `"um"` or `"in"`: positions are turned into metres, data are
+            not. By default they stay as they are.
 
         **Raises:** `MeshFileError`, a `ValueError` that names the path, for a missing file (it is a `FileNotFoundError`
         then too), an unknown format, a file that cannot be understood, faces that are no triangles (with their count),
-        and a mesh that `Mesh` refuses.
+        points without faces, and a mesh that `Mesh` refuses, with what helps for a file. `ValueError` for a tolerance
+        or a unit that is none.
+        **Warns:** [`shellkit.MeshTopologyWarning`][] where vertices coincide, where there are several pieces or
+        several boundary loops, and where faces were left out.
         """
-        content = files.read(path)
+        content, remarks = files.read(path, files.Choices(weld, split, drop_unused, orient, unit))
         try:
-            return Mesh(content.vertices, content.faces, content.vertex_data, content.face_data)
+            mesh = Mesh(content.vertices, content.faces, content.vertex_data, content.face_data)
         except ValueError as error:
-            raise files.MeshFileError(f"{os.fspath(path)}: {error}") from error
+            reason = error.of_file if isinstance(error, SurfaceError) else error
+            raise files.MeshFileError(f"{os.fspath(path)}: {reason}") from error
+        remarks += doubts(content.vertices, mesh.quality(), content.faces)
+        if remarks:
+            warnings.warn(f"{os.fspath(path)}: {'; '.join(remarks)}.", MeshTopologyWarning, stacklevel=2)
+        return mesh
 
     def write(
         self,
         path: str | os.PathLike,
         vertex_data: Mapping[str, ArrayLike] | None = None,
         face_data: Mapping[str, ArrayLike] | None = None,
+        *,
+        unit: str | None = None,
     ) -> None:
         """Writes the mesh and its data to a file, whole or not at all.
 
@@ -124,14 +155,18 @@ class Mesh(eqx.Module):
 
         - `path`: where to; the extension tells the format, as in `read`.
         - `vertex_data`, `face_data`: further named arrays, in the place of the mesh's own of the same name.
+        - `unit`: of the file, for a mesh in metres: `"mm"`, `"cm"`, `"m"`, `"um"` or `"in"`, as in `read`. By default
+            positions are written as they are.
 
-        **Raises:** `MeshFileError` for an unknown format or a missing folder, `ValueError` for data of another length.
+        **Raises:** `MeshFileError` for an unknown format or a missing folder, `ValueError` for data of another length
+        and for a unit that is none.
         **Warns:** `MeshDataWarning` with the names of the data that the format cannot keep.
         """
+        scale = 1.0 if unit is None else MILLIMETRES["m"] / millimetres("Mesh.write", unit)
         files.write(
             path,
             files.Content(
-                np.asarray(self.vertices),
+                np.asarray(self.vertices) * scale,
                 np.asarray(self.faces),
                 _host({**self.vertex_data, **_data(vertex_data, "vertex", self.n_vertices)}),
                 _host({**self.face_data, **_data(face_data, "face", self.n_faces)}),
@@ -304,9 +339,12 @@ def _check_areas(points, faces):
     # A needle is allowed; what rounding cannot tell from a straight line is not.
     flat = np.flatnonzero(np.linalg.norm(np.cross(u, v), axis=1) <= 4 * np.finfo(float).eps * longest)
     if len(flat):
-        raise ValueError(
+        raise SurfaceError(
             f"a face without area: the corners {faces[flat[0]].tolist()} of face {flat[0]} lie on one line or coincide "
-            f"(such faces: {listed(flat)}). Delete these faces, merge coincident vertices, or move a corner."
+            f"(such faces: {listed(flat)}).",
+            remedy="Delete these faces, merge coincident vertices, or move a corner.",
+            in_file="Mesh.read(path, weld=True) leaves them out where corners coincide; where they lie on one line, "
+            "mesh the surface anew in the program that the file comes from.",
         )
 
 

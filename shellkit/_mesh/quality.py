@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from .connectivity import components, listed
+from .welding import coincident
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,3 +130,21 @@ def measure(
         n_boundary_loops=loops,
         volume=float((a * np.cross(b, c)).sum() / 6) if inner.all() else None,
     )
+
+
+def doubts(vertices: Float[np.ndarray, "V 3"], report: MeshQuality, faces: Int[np.ndarray, "F 3"]) -> list[str]:
+    """What makes one ask whether a surface from a file is the one that was meant, in words; mostly nothing."""
+    found = []
+    double = coincident(vertices, faces)
+    if double:
+        found.append(
+            f"{double} vertices lie where another one does: torn seams, or parts that touch (Mesh.read(path, weld="
+            "True) joins them, weld=tolerance those that are further apart)"
+        )
+    if report.n_components > 1:
+        found.append(
+            f"the surface is in {report.n_components} pieces (Mesh.read(path, weld=tolerance) joins what is so near)"
+        )
+    if report.n_boundary_loops > 1:
+        found.append(f"it has {report.n_boundary_loops} boundary loops (holes, open ends or tears)")
+    return found

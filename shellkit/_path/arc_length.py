@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int, Scalar
 
-from .._energy import DiscreteEnergy
+from .._energy import DiscreteEnergy, Unknowns
 from .._equilibrium import Diagnostics, Equilibrium
 from .._geometry.surface import edge_lengths
 from .._problem.problem import InverseProblem
@@ -162,8 +162,7 @@ def trace(
     """
     path = ArcLength() if path is None else path
     _check(problem, start)
-    vertices, directors = (problem.mesh.vertices, None) if start is None else (start.vertices, start.directors)
-    y = problem.assembly.restrict(problem.assembly.join(vertices, directors))
+    y = problem.assembly.dofs.gather(Unknowns(problem.mesh.vertices) if start is None else start.unknowns)
     quantities = problem.discrete_energy().quantities
     if quantities is not None:
         held = None if start is None else start.multipliers
@@ -268,8 +267,7 @@ def _between(
             parts = ((low, (middle, point)), ((middle, point), high))
             return [found for part in parts for found in _between(problem, here, *part, weight, resolution)]
     null = _null(problem, after)
-    still = jnp.zeros(problem.assembly.size)
-    mode, _ = problem.assembly.split(problem.assembly.extend(_shape(problem, null), still))
+    mode = problem.assembly.dofs.motion(_shape(problem, null)).vertices
     return [
         CriticalPoint(
             kind="limit point" if turns else "bifurcation",

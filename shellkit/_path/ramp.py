@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Scalar
 
+from .._energy import Unknowns
 from .._equilibrium import RESULTS, Equilibrium
 from .._problem.problem import InverseProblem
 from .._programs.tracing import frozen, is_traced, with_parts
@@ -162,16 +163,15 @@ class _Walk(eqx.Module):
     """Where a path has come to: the last two equilibria on it, and the increment to try next."""
 
     progress: Scalar
-    unknowns: Float[Array, " N"]
+    unknowns: Unknowns
     last_progress: Scalar
-    last_unknowns: Float[Array, " N"]
+    last_unknowns: Unknowns
     increment: Scalar
 
     @classmethod
     def from_rest(cls, problem: InverseProblem, path: Ramp, start: Equilibrium | None) -> "_Walk":
         """The beginning, where the two equilibria are one."""
-        vertices, directors = (problem.mesh.vertices, None) if start is None else (start.vertices, start.directors)
-        unknowns = jax.lax.stop_gradient(problem.assembly.join(vertices, directors))
+        unknowns = jax.lax.stop_gradient(Start.of(problem.mesh, problem.assembly, start).unknowns)
         return cls(jnp.zeros(()), unknowns, jnp.zeros(()), unknowns, jnp.asarray(1 / path.steps, dtype=float))
 
 
@@ -187,23 +187,23 @@ def _advance(problem: InverseProblem, path: Ramp, walk: _Walk) -> tuple[_Walk, S
     tried = jnp.where(left <= _WHOLE * walk.increment, 1.0, walk.progress + walk.increment)
     covered = walk.progress - walk.last_progress
     ratio = jnp.where(covered > 0, (tried - walk.progress) / jnp.where(covered > 0, covered, 1.0), 0.0)
-    guess = walk.unknowns + ratio * (walk.unknowns - walk.last_unknowns)
+    guess = jax.tree.map(lambda now, last: now + ratio * (now - last), walk.unknowns, walk.last_unknowns)
     equilibrium = _relax_at(problem, tried, guess)
-    unknowns = problem.assembly.join(equilibrium.vertices, equilibrium.directors)
-    there = _Walk(tried, unknowns, walk.progress, walk.unknowns, jnp.minimum(2 * walk.increment, 1 / path.steps))
+    increment = jnp.minimum(2 * walk.increment, 1 / path.steps)
+    there = _Walk(tried, equilibrium.unknowns, walk.progress, walk.unknowns, increment)
     back = eqx.tree_at(lambda w: w.increment, walk, 0.5 * walk.increment)
     walk = jax.tree.map(lambda new, old: jnp.where(equilibrium.converged, new, old), there, back)
     return walk, tried, equilibrium
 
 
-def _relax_at(problem: InverseProblem, progress: Scalar, unknowns: Float[Array, " N"]) -> Equilibrium:
+def _relax_at(problem: InverseProblem, progress: Scalar, unknowns: Unknowns) -> Equilibrium:
     """Relax with a part of actuation and loads on: compiled once, however many steps a path takes."""
-    actuation, energy, supports, (vertices, directors) = _parts_at(problem, progress, unknowns)
+    actuation, energy, supports = _parts_at(problem, progress)
     part = with_parts(problem, actuation=actuation, energy=energy, supports=supports)
-    return part(Start(vertices, directors, None))
+    return part(Start(unknowns, None))
 
 
 @eqx.filter_jit
-def _parts_at(problem: InverseProblem, progress: Scalar, unknowns: Float[Array, " N"]) -> tuple:
+def _parts_at(problem: InverseProblem, progress: Scalar) -> tuple:
     part = problem.at(progress)
-    return part.actuation, part.energy, part.supports, problem.assembly.split(unknowns)
+    return part.actuation, part.energy, part.supports

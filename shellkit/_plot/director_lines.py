@@ -3,28 +3,12 @@ line of its face as at rest."""
 
 import numpy as np
 
+from .._fields.carried import carried_directors, edge_vectors
 from .._mesh.mesh import Mesh
 
 
 # Where there are more faces, only so many of them show their line, which is longer then.
 _MOST_LINES = 3000
-
-
-def carried_directors(mesh: Mesh, points: np.ndarray, angles: np.ndarray) -> np.ndarray:
-    """Directors given by their angles at rest, carried along with the material of each face to where the vertices are
-    now; unit vectors, shape `(F, 3)`.
-
-    At rest d = x u + y v in the edge vectors u, v of the face; now it is along x u' + y v' in those of now.
-    """
-    u, v = _edge_vectors(np.asarray(mesh.vertices), mesh)
-    length = np.linalg.norm(u, axis=1)
-    shift = np.sum(u * v, axis=1) / length
-    height = np.linalg.norm(np.cross(u, v), axis=1) / length
-    y = np.sin(angles) / height
-    x = (np.cos(angles) - y * shift) / length
-    u, v = _edge_vectors(points, mesh)
-    carried = x[:, None] * u + y[:, None] * v
-    return carried / np.linalg.norm(carried, axis=1, keepdims=True)
 
 
 def director_lines(
@@ -35,7 +19,7 @@ def director_lines(
     Lines stay within the circle inscribed in their face; those of `level` 2 lie above those of level 1.
     """
     faces = np.asarray(mesh.faces)
-    u, v = _edge_vectors(points, mesh)
+    u, v = edge_vectors(points, mesh)
     sides = [np.linalg.norm(w, axis=1) for w in (u, v, v - u)]
     perimeter = np.maximum(sum(sides), np.finfo(float).tiny)
     normals = np.cross(u, v)
@@ -70,8 +54,3 @@ def _evenly_spread(centres: np.ndarray, apart: float) -> np.ndarray:
             kept.append(face)
             free[tree.query_ball_point(centres[face], apart)] = False
     return np.array(kept)
-
-
-def _edge_vectors(points: np.ndarray, mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
-    a, b, c = (points[np.asarray(mesh.faces)[:, corner]] for corner in range(3))
-    return b - a, c - a

@@ -13,6 +13,7 @@ from jaxtyping import ArrayLike
 from .._actuation.director_layers import Directors
 from .._align.aligners import Aligner
 from .._fit.history import FitResult, FitStep
+from .._package.distribution import DISTRIBUTION
 from .._path.ramp import Path
 from .._problem.problem import InverseProblem
 from .fields import Field
@@ -103,7 +104,7 @@ def animate(
     - `frames`: a [`shellkit.Path`][] from [`shellkit.follow`][], whose equilibria are the frames;
         [`shellkit.Snapshots`][] of a fit, each at rest with its directors, and relaxed under the wireframe of its
         target; a list of things that [`shellkit.plot`][] draws, one a frame; or one such thing, which is turned.
-    - `save`: a file to write: gif, or mp4 (needs the extra `shellkit[video]`).
+    - `save`: a file to write: gif, or mp4 (needs the extra `video`).
     - `fps`: frames a second. A gif counts hundredths of a second.
     - `pause`: for how many seconds the last frame stays.
     - `turn`: by how many degrees the camera goes around the z axis during the film; by default 360 for one thing, else
@@ -177,7 +178,8 @@ def _checked(save: str | os.PathLike, fps: float | int, pause: float | int) -> p
             import imageio_ffmpeg  # noqa: F401 (what writes the file)
         except ImportError as error:
             raise ImportError(
-                f"animate: writing {path} needs ffmpeg: pip install 'shellkit[video]'; gif needs nothing. ({error})"
+                f"animate: writing {path} needs ffmpeg: pip install '{DISTRIBUTION}[video]'; gif needs nothing. "
+                f"({error})"
             ) from error
     return path
 

@@ -95,7 +95,7 @@ def plot(
         pyvista's, such as `"xy"`.
     - `size`: width and height of a panel in pixels.
     - `save`: a file to write: png, jpg, tif or bmp; svg, pdf, eps or ps; html (interactive, in one file; needs the
-        extra `shellkit[html]`); gltf.
+        extra `html`); gltf.
     - `show`: open a window, and wait until it is closed.
 
     **Returns:** the pyvista `Plotter`. At the end of a cell of a notebook it shows as a picture; its `show()` is

@@ -5,6 +5,8 @@ import pathlib
 from collections.abc import Iterator
 from typing import Any
 
+from .._package.distribution import DISTRIBUTION
+
 
 _STYLE = (
     "position:absolute;z-index:9;transform:translate(-50%,50%);pointer-events:none;white-space:nowrap;"
@@ -20,7 +22,7 @@ def write_page(plotter: Any, path: pathlib.Path) -> None:
     try:
         import trame_pyvista  # noqa: F401 (gives plotters their `trame`)
     except ImportError as error:
-        raise ImportError(f"plot: writing {path} needs trame: pip install 'shellkit[html]'. ({error})") from error
+        raise ImportError(f"plot: writing {path} needs trame: pip install '{DISTRIBUTION}[html]'. ({error})") from error
     plotter.trame.export_html(str(path))
     page = path.read_text(encoding="utf-8")
     start, end = page.index("<title>"), page.index("</title>")

@@ -1,12 +1,14 @@
 """Whether the parts of a problem fit each other: what is refused before anything is traced."""
 
+from collections.abc import Sequence
+
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 from jax.core import Tracer
-from jaxtyping import Array
+from jaxtyping import Array, Int
 
-from .._energy import AbstractEnergy, Constraint, FormEnergy
+from .._energy import AbstractEnergy, Terms
 from .._mesh.mesh import Mesh
 from .._solve.newton.newton import SparseNewton
 
@@ -30,10 +32,8 @@ def checked_thickness(thickness: float | Array, mesh: Mesh) -> Array:
 
 
 def check_constraints(energy: AbstractEnergy, solver: optx.AbstractMinimiser) -> None:
-    for weight, term in energy.weighted_terms():
-        if not isinstance(term, Constraint):
-            continue
-        name = type(term).__name__
+    for weight, constraint in Terms.of(energy).constraints:
+        name = type(constraint).__name__
         if not isinstance(solver, SparseNewton):
             raise ValueError(
                 f"{name}: the multiplier of a constraint is found by SparseNewton only, not by {type(solver).__name__}."
@@ -44,10 +44,34 @@ def check_constraints(energy: AbstractEnergy, solver: optx.AbstractMinimiser) ->
 
 def check_one_curvature(energy: AbstractEnergy) -> None:
     """All bending terms of a sum measure one curvature: they share the rest shape and the edge normals."""
-    bending = [term for _, term in energy.weighted_terms() if isinstance(term, FormEnergy) and term.form is not None]
-    kinds = {(term.form, term.directors) for term in bending}
+    kinds = {(term.form, term.directors) for term in Terms.of(energy).bending}
     if len(kinds) > 1:
         listed = "; ".join(f"form={form!r}, directors={directors!r}" for form, directors in sorted(kinds))
         raise ValueError(
             f"The bending terms of the energy measure curvature in different ways ({listed}); give all the same."
         )
+
+
+def refuse_held_moments(energy: AbstractEnergy, held_edges: Sequence[Int[Array, " _"]], mesh: Mesh) -> None:
+    """Refuse a moment on an edge whose normal is held: only the support would feel it.
+
+    **Arguments:**
+
+    - `energy`: of all terms.
+    - `held_edges`: the edges whose normal is held, of each support.
+    - `mesh`: the surface at rest.
+
+    **Raises:** `ValueError` with the term and the edge.
+    """
+    for _, term in Terms.of(energy).elements:
+        moments = term.director_moments(mesh)
+        if moments is None:
+            continue
+        for edges in held_edges:
+            loaded = np.flatnonzero(np.asarray(moments[edges]))
+            if len(loaded):
+                ends = np.asarray(mesh.edges)[np.asarray(edges)[loaded[0]]].tolist()
+                raise ValueError(
+                    f"{type(term).__name__}: the normal of the edge between the vertices {ends} is held by a support, "
+                    "which alone would feel the moment; load another edge, or hold this one by Pinned."
+                )

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, UInt32
 
-from .._energy import AbstractEnergy, Constraint, EnergyTerm
+from .._energy import AbstractEnergy, Terms
 from .._mesh.mesh import Mesh
 from .._programs.tracing import is_traced, known
 from .._relaxation.rigid_modes import count_motions
@@ -34,7 +34,7 @@ class Origin(eqx.Module):
     @classmethod
     def of(cls, mesh: Mesh, energy: AbstractEnergy, supports: Supports | None) -> "Origin":
         """What these parts are; connectivity and selections must be known."""
-        motions = count_motions(mesh, supports, energy.bends)
+        motions = count_motions(mesh, supports, Terms.of(energy).bends)
         return cls(known(_contents(mesh, energy, supports)), _kind(mesh, energy, supports), motions)
 
     def check(self, mesh: Mesh, energy: AbstractEnergy, supports: Supports | None) -> None:
@@ -75,7 +75,7 @@ class Origin(eqx.Module):
 
     def _check_supports(self, mesh: Mesh, energy: AbstractEnergy, supports: Supports) -> None:
         supports.check(mesh)
-        motions = count_motions(mesh, supports, energy.bends)
+        motions = count_motions(mesh, supports, Terms.of(energy).bends)
         if motions > self.most_motions:
             raise ValueError(
                 f"The supports of this InverseProblem now leave {motions} rigid motions free, and at most "
@@ -106,10 +106,8 @@ def _contents(mesh: Mesh, energy: AbstractEnergy, supports: Supports | None) -> 
     for leaf in jax.tree.leaves((mesh.faces, energy, supports)):
         if _names_vertices(leaf):
             digest.update(np.ascontiguousarray(leaf).tobytes())
-    for _, term in energy.weighted_terms():
-        measured = term.measure() if isinstance(term, Constraint) else term
-        if isinstance(measured, EnergyTerm):
-            digest.update(np.ascontiguousarray(measured.stencil(mesh), dtype=np.int64).tobytes())
+    for term in Terms.of(energy).measured:
+        digest.update(np.ascontiguousarray(term.stencil(mesh), dtype=np.int64).tobytes())
     return np.frombuffer(digest.digest(), np.uint32)
 
 

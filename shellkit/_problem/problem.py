@@ -10,11 +10,11 @@ from jaxtyping import Array, Float, Scalar
 from .._actuation import Actuation, Passive
 from .._citation.gather import citation
 from .._citation.papers import BRADBURY_2018, KIDGER_2021, RADER_2024
-from .._energy import AbstractEnergy, Assembly, Constraint, DiscreteEnergy, FormEnergy, refuse_held_moments
+from .._energy import AbstractEnergy, Assembly, DiscreteEnergy, Terms, Unknowns
 from .._equilibrium import Diagnostics, Equilibrium, Pose
-from .._geometry.forms import CurvatureForm
 from .._loss import Loss
 from .._mesh.mesh import Mesh
+from .._programs.batching import in_turn
 from .._programs.precision import require_x64
 from .._programs.tracing import frozen, is_traced, with_parts
 from .._relaxation.forward import assess, near, pose_of, relax, respond
@@ -27,7 +27,7 @@ from .._solve.matrices.operator import SparseSymmetric
 from .._solve.newton.newton import SparseNewton
 from .._solve.newton.plain import PlainNewton
 from .._supports import Supports
-from .checks import check_constraints, check_one_curvature, checked_thickness
+from .checks import check_constraints, check_one_curvature, checked_thickness, refuse_held_moments
 from .origin import Origin
 
 
@@ -128,7 +128,7 @@ class InverseProblem(eqx.Module):
         check_constraints(self.energy, self.solver)
         check_one_curvature(self.energy)
         if self.loss is not None:
-            self.loss.check(self.mesh, self.actuation)
+            self.loss.check(self.mesh, self.actuation.on(self.mesh))
 
     def replace(self, **parts: Any) -> "InverseProblem":
         """This problem built anew with other parts, given by the names that they have when a problem is built.
@@ -157,11 +157,10 @@ class InverseProblem(eqx.Module):
         """
         self.origin.check(self.mesh, self.energy, self.supports)
         self._check_parts()
-        terms = (term for _, term in self.energy.weighted_terms())
-        forms: list[CurvatureForm] = [t.form for t in terms if isinstance(t, FormEnergy) and t.form is not None]
-        beyond = None if self.supports is None or not forms else self.supports.at(0.0).continuation(self.mesh)
-        rest = RestShape.of(self.mesh, self.thickness, forms[0] if forms else None, beyond)
-        actuated = self.actuation(rest)
+        form = Terms.of(self.energy).form
+        beyond = None if self.supports is None or form is None else self.supports.at(0.0).continuation(self.mesh)
+        rest = RestShape.of(self.mesh, self.thickness, form, beyond)
+        actuated = self.actuation.on(self.mesh)(rest)
         shared = self.rest_lengths == "shared" and not isinstance(self.actuation, Passive)
         return actuated.sharing_edges(self.mesh) if shared else actuated
 
@@ -174,7 +173,7 @@ class InverseProblem(eqx.Module):
         held, beyond = self.mesh.vertices, None
         if self.supports is not None:
             held, beyond = self.supports.held_positions(self.mesh), self.supports.continuation(self.mesh)
-        held = self.assembly.join(held, None)
+        held = self.assembly.dofs.pack(Unknowns(held))
         return DiscreteEnergy(self.energy, self.mesh, rest, self.assembly, held, beyond)
 
     def rigid_motions(self, energy: DiscreteEnergy | None = None) -> FreeMotions | None:
@@ -198,7 +197,7 @@ class InverseProblem(eqx.Module):
         - `vertices`: positions, in the unit of the mesh.
         - `directors`: angles by which edge normals are turned, where directors are free; by default zero.
         """
-        return self.discrete_energy()(self.assembly.restrict(self.assembly.join(vertices, directors)))
+        return self.discrete_energy()(self.assembly.dofs.gather(Unknowns(vertices, directors)))
 
     def hessian(self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None = None) -> SparseSymmetric:
         """The Hessian of the energy at any shape, a sparse lineax operator that acts on fields like `vertices`.
@@ -208,19 +207,17 @@ class InverseProblem(eqx.Module):
 
         **Raises:** `ValueError` where the energy has constraints: what they add is dense.
         """
-        if any(isinstance(term, Constraint) for _, term in self.energy.weighted_terms()):
+        if Terms.of(self.energy).constraints:
             raise ValueError("The Hessian of an energy with constraints is not sparse; take the constraints out of it.")
-        energy = self.discrete_energy()
-        y = self.assembly.restrict(self.assembly.join(vertices, directors))
-        flat = energy.hessian(y)
+        dofs = self.assembly.dofs
+        flat = self.discrete_energy().hessian(dofs.gather(Unknowns(vertices, directors)))
         assert isinstance(flat, SparseSymmetric)
         values = flat.values
-        if self.assembly.director_length is not None:
+        if dofs.director_length is not None:
             # Derivatives in angles, from those in the unknowns of a relaxation.
-            ones = jnp.ones(self.assembly.n_directors) * self.assembly.director_length
-            angles = self.assembly.restrict(jnp.concatenate([jnp.ones(3 * self.mesh.n_vertices), ones]))
+            angles = dofs.per_unknown(jnp.ones(self.mesh.n_vertices), dofs.director_length)
             values = values * angles[flat.pattern.rows] * angles[flat.pattern.indices]
-        return SparseSymmetric(flat.pattern, values, like=self.assembly.like(vertices.dtype))
+        return SparseSymmetric(flat.pattern, values, like=dofs.like(vertices.dtype))
 
     def __call__(self, start: Equilibrium | Start | None = None) -> Equilibrium:
         """Relax the shell.
@@ -246,10 +243,11 @@ class InverseProblem(eqx.Module):
         - `start`: as when the problem is called.
         """
         bare, solver, begin = self.asked(start)
-        found = relax(*frozen((bare, solver, begin)))
+        traced = is_traced((bare, solver, begin))
+        found = in_turn(relax)(*frozen((bare, solver, begin))) if traced else relax(bare, solver, begin)
         if solver is self.solver or not found.stuck:
             return found
-        after = Start(found.pose.vertices, found.pose.directors, None)
+        after = Start(found.pose.unknowns, None)
         return relax(bare, self.solver, after).after(found.found)
 
     def asked(self, start: Equilibrium | Start | None = None) -> tuple["InverseProblem", optx.AbstractMinimiser, Start]:
@@ -314,7 +312,7 @@ class InverseProblem(eqx.Module):
     def _assessed(self, equilibrium: Equilibrium) -> tuple[Scalar, tuple[dict[str, Scalar], Equilibrium]]:
         if self.loss is None:
             raise ValueError("This InverseProblem has no loss: give it one, such as loss=sk.VertexDistance(target).")
-        value, terms = assess(self.loss, equilibrium, self.actuation)
+        value, terms = assess(self.loss, equilibrium, self.actuation.on(self.mesh))
         return value, (terms, equilibrium)
 
     def evaluate(self) -> tuple[Scalar, dict[str, Scalar]]:
@@ -354,9 +352,10 @@ class InverseProblem(eqx.Module):
         if self.loss is None:
             raise ValueError("This InverseProblem has no loss: give it one, such as loss=sk.VertexDistance(target).")
         equilibrium = self.near(equilibrium) if self.loss.needs_shape else self.unrelaxed()
-        found = self.loss.residuals(equilibrium, self.actuation)
+        actuation = self.actuation.on(self.mesh)
+        found = self.loss.residuals(equilibrium, actuation)
         if found is None:
-            other = [term.name for term in self.loss.terms_without_residuals(equilibrium, self.actuation)]
+            other = [term.name for term in self.loss.terms_without_residuals(equilibrium, actuation)]
             raise ValueError(
                 f"The loss is no sum of squares: {', '.join(other)} gives no residuals. Make it a LeastSquaresLoss, or "
                 "train with an optax optimiser."
@@ -365,7 +364,9 @@ class InverseProblem(eqx.Module):
 
     def unrelaxed(self) -> Equilibrium:
         """The surface at rest as an equilibrium that nothing was done to: for losses that do not look at the shape."""
-        return Equilibrium.of(self.mesh, self.rest_shape(), Pose(self.mesh.vertices), Diagnostics.of_nothing())
+        rest = Start.of(self.mesh, self.assembly, None)
+        pose = Pose(rest.unknowns, multipliers=rest.multipliers)
+        return Equilibrium.of(self.mesh, self.rest_shape(), pose, Diagnostics.of_nothing())
 
     def citation(self) -> str:
         """The papers behind the parts in use, as BibTeX: print it. Each part names its own in its class attribute

@@ -9,8 +9,9 @@ import jax
 from .tracing import is_traced
 
 
-# On a CPU, kernels made by XLA's emitter of before take a third less time to compile, and run 3 to 5 % longer.
-FAST = {"xla_cpu_use_fusion_emitters": False}
+# On a CPU, kernels made by XLA's emitter of before take a third less time to compile, and run 3 to 5 % longer. From JAX
+# 0.11.1 on there is no choice.
+FAST: dict[str, Any] = {"xla_cpu_use_fusion_emitters": False} if jax.__version_info__ < (0, 11, 1) else {}
 # With fewer passes of LLVM it is half, and 8 to 10 %: for a small part of a step.
 FASTEST = {**FAST, "xla_backend_optimization_level": 1}
 

@@ -18,7 +18,7 @@ from .._geometry.surface import edge_lengths
 from .._loss import Loss
 from .._mesh.mesh import Mesh
 from .._programs.compiling import FAST, program
-from .._programs.tracing import frozen
+from .._programs.tracing import frozen, with_parts
 from .._programs.waiting import announce
 from .._rest import RestShape
 from .._solve.adjoint import MANY, differentiable_minimum
@@ -37,7 +37,7 @@ def relax(problem: Any, solver: optx.AbstractMinimiser, start: Start) -> Relaxed
     announce("the relaxation of this kind of scene")
     rest = problem.rest_shape()
     energy = problem.energy_of(rest)
-    y0 = problem.assembly.restrict(problem.assembly.join(start.vertices, start.directors))
+    y0 = problem.assembly.dofs.gather(start.unknowns)
     motions = problem.rigid_motions(energy)
     length = jnp.mean(edge_lengths(problem.mesh.vertices, problem.mesh))
     linear_solver = problem.linear_solver()
@@ -51,7 +51,7 @@ def relax(problem: Any, solver: optx.AbstractMinimiser, start: Start) -> Relaxed
         y, multipliers = held.y, held.multipliers
     pose = pose_of(problem, energy, y, motions, multipliers)
     stuck = end.result == optx.RESULTS.nonlinear_divergence
-    return Relaxed(rest, pose, _diagnostics(problem.mesh, energy, end, pose.vertices), y, stuck, last)
+    return Relaxed(rest, pose, _diagnostics(problem.mesh, energy, end, pose.unknowns.vertices), y, stuck, last)
 
 
 @eqx.filter_jit
@@ -67,7 +67,7 @@ def respond(problem: Any, found: Relaxed, posed: bool) -> tuple[RestShape, Pose]
     else:
         y, multipliers = differentiable_held(energy, found.y, multipliers, motions, linear_solver)
     if not posed:
-        return rest, Pose(*energy.state(y), multipliers=multipliers)
+        return rest, Pose(energy.state(y), multipliers=multipliers)
     return rest, pose_of(problem, energy, y, motions, multipliers)
 
 
@@ -76,7 +76,7 @@ def near(problem: Any, equilibrium: Equilibrium) -> tuple[RestShape, Pose]:
     """Rest shape and pose as functions of every array of a problem, to first order, at an equilibrium."""
     rest = problem.rest_shape()
     energy, solver = problem.energy_of(rest), problem.linear_solver()
-    y = problem.assembly.restrict(problem.assembly.join(equilibrium.vertices, equilibrium.directors))
+    y = problem.assembly.dofs.gather(equilibrium.unknowns)
     motions, multipliers = frozen(problem.rigid_motions(energy)), equilibrium.multipliers
     if multipliers is None:
         y = responding_minimum(energy, y, motions, solver)
@@ -112,21 +112,20 @@ def pose_of(
     - `motions`: as `rigid_motions` returns them, if they are at hand.
     - `multipliers`: of what is held exactly or by springs; `None` where nothing is.
     """
-    vertices, directors = energy.state(y)
+    at, dofs = energy.state(y), problem.assembly.dofs
     energy = energy if multipliers is None else energy.held_by(multipliers)
     reactions, moments = None, energy.held_moments(y)
-    if problem.assembly.free is not None:
-        held = energy.full_gradient(y).at[problem.assembly.free].set(0.0)
-        reactions, _ = problem.assembly.split_forces(held)
+    if dofs.free is not None:
+        held = energy.full_gradient(y).at[dofs.free].set(0.0)
+        reactions = dofs.unpack_forces(held).vertices
     if problem.supports is None:
         # The pose is that nearest to the start: no net translation or rotation of the displacement.
-        brought_back = Kabsch()(vertices, problem.mesh.vertices)
+        vertices = brought_back = Kabsch()(at.vertices, problem.mesh.vertices)
         motions = problem.rigid_motions(energy) if motions is None else motions
-        if motions is None or motions.hindrances is None:
-            vertices = brought_back
-        else:
-            vertices = jnp.where(frozen(motions).are_free(jax.lax.stop_gradient(y)), brought_back, vertices)
-    return Pose(vertices, directors, reactions, moments, multipliers)
+        if motions is not None and motions.hindrances is not None:
+            vertices = jnp.where(frozen(motions).are_free(jax.lax.stop_gradient(y)), brought_back, at.vertices)
+        at = with_parts(at, vertices=vertices)
+    return Pose(at, reactions, moments, multipliers)
 
 
 def _diagnostics(mesh: Mesh, energy: DiscreteEnergy, end: End, vertices: Float[Array, "V 3"]) -> Diagnostics:

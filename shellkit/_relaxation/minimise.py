@@ -113,7 +113,7 @@ class Feasible(eqx.Module):
         if self.energy.faces is None:
             return jnp.array(True)
         mesh = self.energy.faces.mesh
-        old, new = (Triangles(self.energy.state(at)[0], mesh) for at in (y, y_new))
+        old, new = (Triangles(self.energy.state(at).vertices, mesh) for at in (y, y_new))
         turn = jnp.sum(old.area_normal * new.area_normal, axis=0)
         return jnp.all((turn > _TURN * old.twice_area * new.twice_area) & (new.twice_area > _SHRINK * old.twice_area))
 
@@ -126,7 +126,7 @@ class Folded(eqx.Module):
 
     def __call__(self, y: Float[Array, " n"]) -> Bool[Array, ""]:
         assert self.energy.faces is not None
-        faces, vertices = self.energy.faces, self.energy.state(y)[0]
+        faces, vertices = self.energy.faces, self.energy.state(y).vertices
         angles = Hinges(vertices, faces.mesh, Triangles(vertices, faces.mesh), faces.continuation).angles
         return jnp.max(jnp.abs(angles)) > jnp.deg2rad(FOLDED)
 

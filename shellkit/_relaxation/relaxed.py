@@ -4,7 +4,7 @@ import equinox as eqx
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from .._energy import Assembly
+from .._energy import Assembly, Unknowns
 from .._equilibrium import Diagnostics, Equilibrium, Pose
 from .._mesh.mesh import Mesh
 from .._programs.tracing import known, with_parts
@@ -15,22 +15,20 @@ from .._solve.linear.base import LastFactor
 class Start(eqx.Module):
     """Where a relaxation begins. Always of arrays: whatever it is, the program is the same."""
 
-    vertices: Float[Array, "V 3"]
-    directors: Float[Array, " E"] | None
+    unknowns: Unknowns
     multipliers: Float[Array, " m"] | None
 
     @classmethod
     def of(cls, mesh: Mesh, assembly: Assembly, start: "Equilibrium | Start | None") -> "Start":
         """An equilibrium, or the surface at rest; what it lacks is zero."""
-        found = (mesh.vertices, None, None)
-        if start is not None:
-            found = (start.vertices, start.directors, start.multipliers)
-        zeros = lambda n: known(np.zeros(n))
-        return cls(
-            found[0],
-            None if assembly.n_directors == 0 else zeros(assembly.n_directors) if found[1] is None else found[1],
-            None if assembly.n_constraints == 0 else zeros(assembly.n_constraints) if found[2] is None else found[2],
+        unknowns, multipliers = (
+            (Unknowns(mesh.vertices), None) if start is None else (start.unknowns, start.multipliers)
         )
+        if assembly.n_constraints == 0:
+            multipliers = None
+        elif multipliers is None:
+            multipliers = known(np.zeros(assembly.n_constraints))
+        return cls(assembly.dofs.complete(unknowns), multipliers)
 
 
 class Relaxed(eqx.Module):
@@ -43,6 +41,11 @@ class Relaxed(eqx.Module):
     y: Float[Array, " n"]
     stuck: Bool[Array, ""]
     last: LastFactor | None
+
+    @property
+    def start(self) -> Start:
+        """Where a relaxation begins that goes on from here."""
+        return Start(self.pose.unknowns, self.pose.multipliers)
 
     def after(self, earlier: Diagnostics) -> "Relaxed":
         """This with the steps and factorisations of what came before."""

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
-from .._energy import Assembly, DiscreteEnergy
+from .._energy import DiscreteEnergy, DofMap, Unknowns
 from .._mesh.mesh import Mesh
 from .._programs.tracing import is_traced
 from .._supports import Supports
@@ -27,7 +27,7 @@ class FreeMotions(eqx.Module):
     centre: Float[Array, " 3"]
     hindrances: Float[Array, "m 6"] | None  # those by terms of the energy: no motion of the space has a part in them
     units: Float[Array, " 6"]
-    assembly: Assembly
+    dofs: DofMap
     held: Float[Array, " N"] | None  # where unknowns are held; None if none is
     clamped: Int[Array, "c 2"] | None  # the ends of the edges whose normal is held; None if none is
     count: int = eqx.field(static=True)
@@ -38,7 +38,7 @@ class FreeMotions(eqx.Module):
         if free is not None:
             # Eigenvalues ascend: the first motions are those that nothing hinders.
             fields = fields @ free
-        return jax.vmap(self.assembly.restrict, in_axes=1, out_axes=1)(fields)
+        return jax.vmap(self.dofs.restrict, in_axes=1, out_axes=1)(fields)
 
     def are_free(self, y: Float[Array, " n"]) -> Bool[Array, ""]:
         """Whether all six motions are free."""
@@ -47,12 +47,12 @@ class FreeMotions(eqx.Module):
 
     def _fields_and_free(self, y: Float[Array, " n"]) -> tuple[Float[Array, "N 6"], Float[Array, "6 k"] | None]:
         """The six motions, and the combinations of them that are free; `None` where nothing is there to hinder any."""
-        held = jnp.zeros(self.assembly.size, y.dtype) if self.held is None else self.held
-        vertices, _ = self.assembly.split(self.assembly.extend(y, held))
-        fields = _fields(self.assembly, vertices - self.centre) * self.units
+        held = jnp.zeros(self.dofs.size, y.dtype) if self.held is None else self.held
+        vertices = self.dofs.unpack(self.dofs.extend(y, held)).vertices
+        fields = _fields(self.dofs, vertices - self.centre) * self.units
         rows = [] if self.hindrances is None else [self.hindrances]
         if self.held is not None:
-            rows.append(fields.at[self.assembly.free].set(0.0))
+            rows.append(fields.at[self.dofs.free].set(0.0))
         if self.clamped is not None:
             rows.append(_turns(vertices, self.clamped))
         if not rows:
@@ -63,10 +63,10 @@ class FreeMotions(eqx.Module):
         return fields, jnp.where(free, axes, 0.0)[:, : self.count]
 
 
-def _fields(assembly: Assembly, arms: Float[Array, "V 3"]) -> Float[Array, "N 6"]:
+def _fields(dofs: DofMap, arms: Float[Array, "V 3"]) -> Float[Array, "N 6"]:
     """The six motions as fields on all unknowns."""
     fields = rigid_fields(arms).reshape(*arms.shape, 6)
-    return jax.vmap(lambda field: assembly.join(field, None), in_axes=2, out_axes=1)(fields)
+    return jax.vmap(lambda field: dofs.pack(Unknowns(field)), in_axes=2, out_axes=1)(fields)
 
 
 def rigid_fields(arms: Float[Array, "V 3"]) -> Float[Array, "V*3 6"]:
@@ -111,7 +111,7 @@ def free_motions(energy: DiscreteEnergy, mesh: Mesh, supports: Supports | None, 
             edges = jnp.concatenate([part.held_edges(mesh) for part in supports.parts()])
             clamped = mesh.edges[edges] if len(edges) else None
     hindrances = _work_on_motions(energy, mesh, centre, units)
-    return FreeMotions(centre, hindrances, units, energy.assembly, held, clamped, count)
+    return FreeMotions(centre, hindrances, units, energy.assembly.dofs, held, clamped, count)
 
 
 def count_motions(mesh: Mesh, supports: Supports | None, bends: bool) -> int:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import shellkit as sk
-from shellkit._energy import Assembly, DiscreteEnergy, FormEnergy
+from shellkit._energy import Assembly, DiscreteEnergy, FormEnergy, Unknowns
 
 
 class Springs(sk.EnergyTerm):
@@ -55,11 +55,11 @@ def build(energy, mesh, thickness=0.1):
     forms = [t.form for _, t in energy.weighted_terms() if isinstance(t, FormEnergy) and t.form]
     rest = sk.RestShape.of(mesh, jnp.asarray(thickness), forms[0] if forms else None)
     assembly = Assembly.of(energy, mesh)
-    return DiscreteEnergy(energy, mesh, rest, assembly, jnp.zeros(assembly.size))
+    return DiscreteEnergy(energy, mesh, rest, assembly, jnp.zeros(assembly.dofs.size))
 
 
 def shape(energy, mesh, size=0.05, seed=0):
-    y = energy.assembly.join(mesh.vertices, None)
+    y = energy.assembly.dofs.pack(Unknowns(mesh.vertices))
     return y + size * np.random.default_rng(seed).normal(size=y.shape)
 
 
@@ -85,7 +85,7 @@ def test_derivatives_agree_with_automatic_differentiation(name, mesh):
 @pytest.mark.parametrize("name", sorted(ENERGIES))
 def test_rest_shape_costs_nothing(name, mesh):
     energy = build(ENERGIES[name], mesh)
-    y = energy.assembly.join(mesh.vertices, None)
+    y = energy.assembly.dofs.pack(Unknowns(mesh.vertices))
     assert abs(float(energy(y))) < 1e-20
     assert float(jnp.abs(energy.gradient(y)).max()) < 1e-12
 
@@ -94,10 +94,12 @@ def test_rest_shape_costs_nothing(name, mesh):
 def test_rigid_motions_cost_nothing(name, mesh):
     energy = build(ENERGIES[name], mesh)
     y = shape(energy, mesh)
-    vertices, directors = energy.state(y)
+    state = energy.state(y)
     rotation = jnp.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
     rotation = rotation * jnp.sign(jnp.linalg.det(rotation))
-    moved = energy.assembly.join(vertices @ rotation.T + jnp.array([3.0, -2.0, 5.0]), directors)
+    moved = energy.assembly.dofs.pack(
+        Unknowns(state.vertices @ rotation.T + jnp.array([3.0, -2.0, 5.0]), state.directors)
+    )
     assert np.isclose(float(energy(moved)), float(energy(y)), rtol=1e-10)
 
 
@@ -189,8 +191,8 @@ def test_translation_by_a_million():
     mesh = MESHES["closed"]
     energy = build(ENERGIES["sum"], mesh)
     y = shape(energy, mesh)
-    vertices, directors = energy.state(y)
-    far = energy.assembly.join(vertices + 1e6, directors)
+    state = energy.state(y)
+    far = energy.assembly.dofs.pack(Unknowns(state.vertices + 1e6, state.directors))
     assert np.isclose(float(energy(far)), float(energy(y)), rtol=1e-6)
 
 

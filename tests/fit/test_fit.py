@@ -12,6 +12,7 @@ import pytest
 
 from shellkit._fit.checkpoint import Checkpoint
 from shellkit._fit.choices import Refuse, WarmStart
+from shellkit._fit.design import selected
 from shellkit._fit.fit import fit
 from shellkit._fit.observers import Stop
 
@@ -210,12 +211,58 @@ def test_ctrl_c_returns_what_there_is(make_quadratic, angle):
         (lambda p: (), "picked nothing"),
         (lambda p: (p.weight, p.weight), "weight twice"),
         (lambda p: p.actuation.angles, "only pick parts.*AttributeError"),
-        (lambda p: p.actuation.angle + 1, "only pick parts.*TypeError"),
+        (lambda p: p.actuation.angle + 1, "item 0 is a new array of shape .*, which is no array of the problem"),
     ],
 )
 def test_where_must_pick_trainable_arrays(make_quadratic, where, message):
     with pytest.raises(ValueError, match=message):
         fit(make_quadratic(), optax.sgd(0.1), steps=1, where=where)
+
+
+class Pattern(eqx.Module):
+    """An actuation that a network writes, with what else networks are made of."""
+
+    network: eqx.nn.MLP
+    rounds: jax.Array
+    scale: float = 2.0
+
+
+def with_network(make_quadratic):
+    network = eqx.nn.MLP(2, 3, width_size=4, depth=1, key=jax.random.key(0))
+    return eqx.tree_at(lambda p: p.actuation, make_quadratic(), Pattern(network, jnp.arange(3)))
+
+
+@pytest.mark.parametrize(
+    "where",
+    [
+        lambda p: p.actuation,
+        lambda p: p.actuation.network,
+        lambda p: (p.actuation.network.layers[0], [p.actuation.network.layers[1]]),
+        lambda p: jax.tree.leaves(eqx.filter(p.actuation.network, eqx.is_array)),
+        lambda p: eqx.filter(p.actuation, eqx.is_inexact_array),
+    ],
+)
+def test_where_may_pick_a_part(make_quadratic, where):
+    """Of a network its weights are trained; its activation function and integers are left alone."""
+    names = selected(with_network(make_quadratic), where, "where")
+    layers = [f"actuation.network.layers.{k}.{part}" for k in (0, 1) for part in ("weight", "bias")]
+    assert names == layers
+
+
+@pytest.mark.parametrize(
+    ("where", "message"),
+    [
+        (lambda p: p.actuation.network.activation, "actuation.network.activation, a .*: only floating-point"),
+        (
+            lambda p: eqx.filter(p.actuation, lambda leaf: False),
+            "Pattern, holds no floating-point array.*nothing",
+        ),
+        (lambda p: [], "picked nothing.*There are .*actuation.network.layers.0.weight"),
+    ],
+)
+def test_where_says_what_there_was(make_quadratic, where, message):
+    with pytest.raises(ValueError, match=message):
+        selected(with_network(make_quadratic), where, "where")
 
 
 @pytest.mark.parametrize(

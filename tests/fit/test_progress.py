@@ -83,5 +83,5 @@ def test_tensorboard(make_quadratic, angle, monkeypatch):
 
 def test_tensorboard_absent(monkeypatch):
     monkeypatch.setitem(sys.modules, "tensorboardX", None)
-    with pytest.raises(ImportError, match=r"pip install 'shellkit\[tensorboard\]'"):
+    with pytest.raises(ImportError, match=r"pip install 'shellkit-jax\[tensorboard\]'"):
         TensorBoard("runs")

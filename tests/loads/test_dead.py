@@ -21,7 +21,7 @@ FORCE = jnp.array([1.0, -2.0, 3.0])
 def forces(load, mesh=SHEET, rest=REST):
     """Minus the gradient of the energy, at some other shape."""
     assembly = Assembly.of(load, mesh)
-    energy = DiscreteEnergy(load, mesh, rest, assembly, jnp.zeros(assembly.size))
+    energy = DiscreteEnergy(load, mesh, rest, assembly, jnp.zeros(assembly.dofs.size))
     shape = mesh.vertices + jax.random.normal(jax.random.key(0), mesh.vertices.shape)
     shift = jnp.array([0.3, 0.1, -0.7])
     # Work is force times displacement, from the shape at rest on.

@@ -8,13 +8,13 @@ import pytest
 
 import shellkit as sk
 from shellkit import Clamped, EdgeMoment, Foundation, Pressure, SurfaceLoad
-from shellkit._energy import Assembly, DiscreteEnergy
+from shellkit._energy import Assembly, DiscreteEnergy, Unknowns
 from shellkit._rest import RestShape
 
 
 def discrete(term, mesh):
     assembly = Assembly.of(term, mesh)
-    return DiscreteEnergy(term, mesh, RestShape.of(mesh, jnp.array(0.1), None), assembly, jnp.zeros(assembly.size))
+    return DiscreteEnergy(term, mesh, RestShape.of(mesh, jnp.array(0.1), None), assembly, jnp.zeros(assembly.dofs.size))
 
 
 def crumpled(mesh, size=0.1):
@@ -138,7 +138,7 @@ def test_sheet_on_a_foundation_sinks_by_load_over_stiffness():
     problem = sk.InverseProblem(sheet, 0.1, energy + Foundation(4.0) + SurfaceLoad([0.0, 0.0, -0.01]))
     equilibrium = problem()
     assert equilibrium.converged
-    unknowns = problem.assembly.restrict(problem.assembly.join(sheet.vertices, None))
+    unknowns = problem.assembly.dofs.gather(Unknowns(sheet.vertices))
     assert not np.any(problem.rigid_motions()(unknowns))
     # A vertex's share of load and of springs is its area alike, so that it sinks evenly.
     np.testing.assert_allclose(

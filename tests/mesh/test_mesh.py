@@ -104,7 +104,7 @@ def test_refining_quarters_each_face_where_it_is(mesh):
     assert fine.n_faces == 4 * mesh.n_faces and fine.n_vertices == mesh.n_vertices + mesh.n_edges
     parent = np.repeat(np.arange(mesh.n_faces), 4)
     assert jnp.allclose(4 * normals(fine), normals(mesh)[parent], atol=1e-15)
-    edges = first_edges(fine) * jnp.tile(jnp.array([1, 1, 1, -1]), mesh.n_faces)[:, None]
+    edges = first_edges(fine) * jnp.tile(jnp.array([1.0, 1.0, 1.0, -1.0]), mesh.n_faces)[:, None]
     assert jnp.allclose(2 * edges, first_edges(mesh)[parent], atol=1e-15)
     middles = fine.vertices[fine.faces].mean(1).reshape(-1, 4, 3)
     assert jnp.allclose(middles.mean(1), mesh.vertices[mesh.faces].mean(1), atol=1e-15)

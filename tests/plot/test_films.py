@@ -123,5 +123,5 @@ def test_what_is_wrong_is_said(path, sheet, moved, result, tmp_path, monkeypatch
     with pytest.raises(ValueError, match="fps is 0"):
         sk.animate(path, tmp_path / "a.gif", fps=0.0)
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    with pytest.raises(ImportError, match=r"pip install 'shellkit\[video\]'"):
+    with pytest.raises(ImportError, match=r"pip install 'shellkit-jax\[video\]'"):
         sk.animate(path, tmp_path / "a.mp4")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.stability.cases import (
+from validation.stability.cases import (
     KINDS,
     MATERIALS,
     bent,
@@ -14,7 +14,7 @@ from benchmarks.stability.cases import (
     thicknesses,
     units,
 )
-from benchmarks.stability.verdict import judge
+from validation.stability.verdict import judge
 
 
 FREE = "neo-Hookean, tan, free"
@@ -89,7 +89,7 @@ def test_random_sheets(material):
 
 def test_judge_tells_a_minimum_from_what_is_none():
     """The judge itself: a shell that was not relaxed is at no equilibrium, one at rest is."""
-    from benchmarks.stability.verdict import _at
+    from validation.stability.verdict import _at
 
     problem = bent(FREE)
     assert _at(problem, problem.unrelaxed())[0] > 1e-3

@@ -96,7 +96,9 @@ def test_overlapping_planes_leave_their_line():
 
 def test_frames_have_their_held_axes_along_the_held_directions():
     normal, tilted = np.array([1.0, 2.0, 2.0]) / 3, Sliding(LEFT, normal=[1.0, 2.0, 2.0], displacement=[0.3, 0.0, 0.0])
-    vertices, axes = tilted.frames(SHEET)
+    frames = tilted.frames(SHEET)
+    assert frames is not None
+    vertices, axes = frames
     assert (vertices == np.flatnonzero(LEFT)).all()
     np.testing.assert_allclose(axes @ np.swapaxes(axes, 1, 2), np.tile(np.eye(3), (len(axes), 1, 1)), atol=1e-14)
     flags = held(tilted)[vertices]
@@ -104,7 +106,9 @@ def test_frames_have_their_held_axes_along_the_held_directions():
     np.testing.assert_allclose(np.abs(axes[flags] @ normal), 1.0, atol=1e-14)
     np.testing.assert_allclose((tilted.held_positions(SHEET) - X)[LEFT] @ normal, 0.1, atol=1e-14)
     line = Sliding(LEFT, along=[1.0, 2.0, 2.0])
-    _, axes = line.frames(SHEET)
+    frames = line.frames(SHEET)
+    assert frames is not None
+    axes = frames[1]
     free = axes[~held(line)[vertices]]
     np.testing.assert_allclose(np.abs(free @ normal), 1.0, atol=1e-14)
 

@@ -8,6 +8,7 @@ import pytest
 
 import shellkit as sk
 from shellkit import Clamped, EdgeLoad, Pinned, Sliding, SurfaceLoad, Symmetry
+from shellkit._energy import Unknowns
 
 
 def dome(cells=(4, 4), diagonals="alternating", length=1.0):
@@ -32,7 +33,7 @@ def test_derivatives_in_the_free_unknowns(directors):
     supports = Clamped(x < 0.3, rotation=jnp.array([0.1, 0.2, 0.3])) + Symmetry((x > 0.3) & (y < 0.1), normal="y")
     supports += Sliding((x > 0.9) & (y < 0.9), normal=[1.0, 2.0, 3.0]) + Sliding([19], along=[1.0, 2.0, 3.0])
     problem = shell(mesh, supports, directors, thickness=0.3)
-    y = problem.assembly.restrict(problem.assembly.join(problem.supports.held_positions(mesh), None))
+    y = problem.assembly.dofs.gather(Unknowns(problem.supports.held_positions(mesh)))
     y = y + 0.03 * jax.random.normal(jax.random.key(0), y.shape)
 
     @jax.jit
@@ -89,9 +90,7 @@ def test_a_clamp_that_moves_as_a_rigid_body_takes_the_shell_along():
     relax = eqx.filter_jit(lambda progress, start: problem.at(progress)(start))
     turn = jax.scipy.linalg.expm(jnp.cross(jnp.eye(3), rotation))
     moved = mesh.vertices @ turn.T + shift
-    np.testing.assert_allclose(
-        problem.discrete_energy()(problem.assembly.restrict(problem.assembly.join(moved, None))), 0, atol=1e-25
-    )
+    np.testing.assert_allclose(problem.discrete_energy()(problem.assembly.dofs.gather(Unknowns(moved))), 0, atol=1e-25)
     equilibrium = relax(jnp.array(0.0), None)
     np.testing.assert_allclose(equilibrium.vertices, mesh.vertices, atol=1e-12)
     # In steps of two edges: a jump lands in the minimum it lands in.
@@ -106,7 +105,7 @@ def test_moments_are_what_turning_a_clamp_takes(directors):
     """At any shape: the derivative of the energy as the clamp turns is what its forces and couples do together."""
     mesh = dome((3, 3))
     problem = shell(mesh, Clamped(EDGE, rotation=jnp.array([0.1, -0.2, 0.3])), directors, thickness=0.3)
-    y = problem.assembly.restrict(problem.assembly.join(mesh.vertices, None))
+    y = problem.assembly.dofs.gather(Unknowns(mesh.vertices))
     y = y + 0.05 * jax.random.normal(jax.random.key(0), y.shape)
 
     @jax.jit
@@ -116,8 +115,8 @@ def test_moments_are_what_turning_a_clamp_takes(directors):
         energy = problem.discrete_energy()
         arms = lambda e: e.faces.continuation.arms
         turned = jnp.einsum("ab,ibf->iaf", now, arms(energy))
-        vertices, _ = problem.assembly.split(energy.held)
-        held = problem.assembly.join(vertices @ now.T, None)
+        vertices = problem.assembly.dofs.unpack(energy.held).vertices
+        held = problem.assembly.dofs.pack(Unknowns(vertices @ now.T))
         return eqx.tree_at(lambda e: (e.held, arms(e)), energy, (held, turned))(y)
 
     energy = problem.discrete_energy()

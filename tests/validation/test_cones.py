@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.validation.cards import cones
+from validation.cards import cones
 
 
 @pytest.mark.slow

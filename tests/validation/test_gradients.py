@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.validation.cards import gradients
+from validation.cards import gradients
 
 
 @pytest.mark.slow

@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.validation.cards import moduli
+from validation.cards import moduli
 
 
 TOLERANCES = {

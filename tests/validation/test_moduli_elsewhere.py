@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import shellkit as sk
-from benchmarks.validation.cards import moduli
+from validation.cards import moduli
 
 
 YOUNG, POISSON, THICKNESS = moduli.YOUNG, moduli.POISSON, moduli.THICKNESS

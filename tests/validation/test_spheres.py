@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import shellkit as sk
-from benchmarks.validation.cards import spectrum, sphere
-from benchmarks.validation.figures import Figure, order
-from benchmarks.validation.meshes import KINDS
-from benchmarks.validation.meshes import sphere as mesh_of
+from validation.cards import spectrum, sphere
+from validation.figures import Figure, order
+from validation.meshes import KINDS
+from validation.meshes import sphere as mesh_of
 
 
 @pytest.mark.parametrize("kind", KINDS)

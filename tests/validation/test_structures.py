@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 import shellkit as sk
-from benchmarks.validation.cards import elastica, large, locking, plate, roof
-from benchmarks.validation.figures import Figure, order
-from benchmarks.validation.linear import displacement
-from benchmarks.validation.meshes import KINDS
+from validation.cards import elastica, large, locking, plate, roof
+from validation.figures import Figure, order
+from validation.linear import displacement
+from validation.meshes import KINDS
 
 
 @pytest.mark.slow

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 import shellkit as sk
-from benchmarks.validation.cards import catenoid, consistency
-from benchmarks.validation.figures import Figure, order
-from benchmarks.validation.meshes import KINDS, curved, sheet
-from benchmarks.validation.surfaces import boundary_directors, forms_of, minimised, normals_on_edges
+from validation.cards import catenoid, consistency
+from validation.figures import Figure, order
+from validation.meshes import KINDS, curved, sheet
+from validation.surfaces import boundary_directors, forms_of, minimised, normals_on_edges
 
 
 CELLS = (8, 16, 32)

@@ -1,51 +1,39 @@
-"""From elements to vectors and matrices: the unknowns of a scene, the sparsity of its Hessian, and where each element
-adds.
+"""From elements to vectors and matrices: the sparsity of a scene's Hessian, and where each element adds.
 
 All of it depends on connectivity, terms and supports alone, and is found once, in numpy, when a problem is built.
 """
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jax.core import Tracer
-from jaxtyping import Array, Bool, Float, Int, Scalar
+from jaxtyping import Array, Float, Int
 
 from ..._geometry.patches import CORNER_PAIRS
-from ..._geometry.surface import edge_lengths
 from ..._mesh.mesh import Mesh
 from ..._programs.tracing import known
 from ..._solve.matrices.operator import SparseSymmetric
 from ..._solve.matrices.pattern import SymmetricPattern
 from ..._supports.base import Supports
-from ..base import AbstractEnergy, EnergyTerm, FormEnergy
-from ..constraints import Constraint
+from ..base import AbstractEnergy
+from ..terms import Terms
 from .convexity import Blocks, FaceHessians, negative_part
+from .dofs import DofMap
 from .frames import Frames
 
 
 class Assembly(eqx.Module):
-    """Numbering and sparsity of one scene.
+    """Where the derivatives of each element add, in the gradient and in the sparse Hessian of one scene.
 
-    Unknowns are the three coordinates of every vertex, in a frame of its own where it is held in oblique directions,
-    then one director an edge where directors are free; held ones are left out. Entries of the index arrays beyond
-    the last row or non-zero are dropped when they are added.
-
-    A director is counted by its angle times a typical edge length. All unknowns are lengths then, and all derivatives
-    forces: a relaxation takes the same steps whatever the unit of length.
+    Entries of the index arrays beyond the last row or non-zero are dropped when they are added.
     """
 
-    free: Int[Array, " n"] | None  # the unknowns that are not held; None if all are free
-    frames: Frames | None
+    dofs: DofMap
     pattern: SymmetricPattern
     stencils: tuple[Int[Array, "_ _"], ...]
     face_unknowns: Int[Array, "m F"] | None
     face_numbers: Int[Array, " t"] | None  # which of the numbers in the blocks of faces, one after the other, are added
     face_entries: Int[Array, " t"] | None  # and to which non-zero
     element_entries: tuple[Int[Array, "_ _ 3 _ 3"] | None, ...]  # None for a term that is linear
-    director_length: Scalar | None  # what one radian counts as; None without free directors
-    n_vertices: int = eqx.field(static=True)
-    n_directors: int = eqx.field(static=True)
     n_constraints: int = eqx.field(static=True)
 
     @classmethod
@@ -58,28 +46,25 @@ class Assembly(eqx.Module):
         - `mesh`: the surface.
         - `supports`: what is held, spelled out for the mesh; `None` for nothing.
         """
-        terms = [term for _, term in energy.weighted_terms()]
-        face_terms = [term for term in terms if isinstance(term, FormEnergy)]
-        bends = any(term.form is not None for term in face_terms)
-        directors = mesh.n_edges if any(term.directors == "free" for term in face_terms) else 0
+        terms = Terms.of(energy)
+        directors = mesh.n_edges if terms.has_free_directors else 0
         size = 3 * mesh.n_vertices + directors
 
         # Nodes are vertices (three unknowns) and, behind them, edges with a director (one).
         face_nodes = None
-        if face_terms:
+        if terms.faces:
             parts = [np.asarray(mesh.faces)]
-            if bends:
+            if terms.bends:
                 parts.append(np.asarray(mesh.face_opposite))
             if directors:
                 parts.append(mesh.n_vertices + np.asarray(mesh.face_edges))
             face_nodes = np.hstack(parts)
-        own = [term for term in terms if isinstance(term, EnergyTerm)]
-        own += [term.measure() for term in terms if isinstance(term, Constraint)]
-        stencils = [np.asarray(term.stencil(mesh)) for term in own]
-        for term, stencil in zip(own, stencils, strict=True):
+        measured = terms.measured
+        stencils = [np.asarray(term.stencil(mesh)) for term in measured]
+        for term, stencil in zip(measured, stencils, strict=True):
             _check_stencil(type(term).__name__, stencil, mesh)
 
-        curved = [stencil for term, stencil in zip(own, stencils, strict=True) if not term.linear]
+        curved = [stencil for term, stencil in zip(measured, stencils, strict=True) if not term.linear]
         groups = ([] if face_nodes is None else [face_nodes]) + curved
         held = np.zeros(size, bool) if supports is None else supports.held(mesh, directors)
         turned = None if supports is None else supports.frames(mesh)
@@ -98,102 +83,58 @@ class Assembly(eqx.Module):
         by_term = iter(entries)
         element_entries = tuple(
             None if term.linear else known(next(by_term).reshape(len(s), s.shape[1], 3, s.shape[1], 3))
-            for term, s in zip(own, stencils, strict=True)
+            for term, s in zip(measured, stencils, strict=True)
         )
         if turned is not None:
             frames, pattern = Frames.of(*turned, pattern, np.flatnonzero(~listed), held, mesh.n_vertices)
         return cls(
-            free=known(np.flatnonzero(~held).astype(np.int32)) if held.any() else None,
-            frames=frames,
+            dofs=DofMap.of(mesh, directors, held, frames),
             pattern=pattern,
             stencils=tuple(known(stencil.astype(np.int32)) for stencil in stencils),
             face_unknowns=None if face_nodes is None else known(_unknowns(face_nodes, mesh.n_vertices)),
             face_numbers=face_numbers,
             face_entries=face_entries,
             element_entries=element_entries,
-            director_length=_mean_edge_length(mesh) if directors else None,
-            n_vertices=mesh.n_vertices,
-            n_directors=directors,
-            n_constraints=sum(isinstance(term, Constraint) for term in terms),
+            n_constraints=len(terms.constraints),
         )
-
-    @property
-    def size(self) -> int:
-        """How many unknowns there are, held ones included."""
-        return 3 * self.n_vertices + self.n_directors
-
-    @property
-    def is_held(self) -> Bool[np.ndarray, " N"]:
-        """Which of all unknowns are held; not to be called inside `jit`."""
-        held = np.full(self.size, self.free is not None)
-        if self.free is not None:
-            held[np.asarray(self.free)] = False
-        return held
-
-    def like(self, dtype):
-        """The structure of the fields that a Hessian acts on: positions, or positions and directors; a flat vector of
-        the free unknowns where some are held."""
-        if self.free is not None:
-            return jax.ShapeDtypeStruct((len(self.free),), dtype)
-        vertices = jax.ShapeDtypeStruct((self.n_vertices, 3), dtype)
-        return (vertices, jax.ShapeDtypeStruct((self.n_directors,), dtype)) if self.n_directors else vertices
-
-    def split(self, unknowns: Float[Array, " N"]) -> tuple[Float[Array, "V 3"], Float[Array, " E"] | None]:
-        """Positions and directors, as angles, from the vector of all unknowns; likewise motions."""
-        vertices = unknowns[: 3 * self.n_vertices].reshape(-1, 3)
-        vertices = vertices if self.frames is None else self.frames.out_of(vertices)
-        if self.director_length is None:
-            return vertices, None
-        return vertices, unknowns[3 * self.n_vertices :] / self.director_length
-
-    def split_forces(self, gradient: Float[Array, " N"]) -> tuple[Float[Array, "V 3"], Float[Array, " E"] | None]:
-        """Forces at the vertices and moments on the directors, from derivatives in all unknowns."""
-        forces, moments = self.split(gradient)
-        if moments is None or self.director_length is None:
-            return forces, None
-        return forces, self.director_length**2 * moments
-
-    def join(self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None) -> Float[Array, " N"]:
-        """The vector of all unknowns; the inverse of `split`."""
-        vertices = vertices if self.frames is None else self.frames.into(vertices)
-        if self.director_length is None:
-            return vertices.reshape(-1)
-        if directors is None:
-            directors = jnp.zeros(self.n_directors, vertices.dtype)
-        return jnp.concatenate([vertices.reshape(-1), self.director_length * directors])
-
-    def restrict(self, unknowns: Float[Array, " N"]) -> Float[Array, " n"]:
-        """The free ones among all unknowns."""
-        return unknowns if self.free is None else unknowns[self.free]
-
-    def extend(self, free: Float[Array, " n"], held: Float[Array, " N"]) -> Float[Array, " N"]:
-        """All unknowns: the free ones as given, the others from `held`."""
-        return free if self.free is None else held.at[self.free].set(free)
 
     def on_faces(self, step: Float[Array, " n"]) -> Float[Array, "m F"]:
         """What a step of the free unknowns is in the unknowns of each face; zero for those that a face lacks."""
-        step = self.extend(step, jnp.zeros(self.size, step.dtype))
-        if self.frames is not None:
-            vertices = self.frames.out_of(step[: 3 * self.n_vertices].reshape(-1, 3))
-            step = step.at[: 3 * self.n_vertices].set(vertices.reshape(-1))
+        dofs, coordinates = self.dofs, slice(0, 3 * self.dofs.n_vertices)
+        step = dofs.extend(step, jnp.zeros(dofs.size, step.dtype))
+        if dofs.frames is not None:
+            step = step.at[coordinates].set(dofs.frames.out_of(step[coordinates].reshape(-1, 3)).reshape(-1))
         return step.at[self.face_unknowns].get(mode="fill", fill_value=0.0, wrap_negative_indices=False)
 
     def vector(
-        self, faces: Float[Array, "m F"] | None, elements: tuple[Float[Array, "_ _ 3"] | None, ...]
+        self,
+        faces: Float[Array, "m F"] | None,
+        elements: tuple[Float[Array, "_ _ 3"] | None, ...],
+        moments: Float[Array, " E"] | None = None,
     ) -> Float[Array, " N"]:
-        """Add up the gradients of elements, over all unknowns; `None` for those of a term that is left out."""
-        total = jnp.zeros(self.size)
+        """Add up the gradients of elements, over all unknowns; `None` for those of a term that is left out.
+
+        **Arguments:**
+
+        - `faces`: derivatives in the unknowns of each face.
+        - `elements`: derivatives in the positions of each element, by term.
+        - `moments`: that act on free directors, about their edges.
+        """
+        dofs, coordinates = self.dofs, slice(0, 3 * self.dofs.n_vertices)
+        total = jnp.zeros(dofs.size)
         if faces is not None:
             total = total.at[self.face_unknowns].add(faces, mode="drop", wrap_negative_indices=False)
         if elements:
-            forces = jnp.zeros((self.n_vertices, 3))
+            forces = jnp.zeros((dofs.n_vertices, 3))
             for stencil, gradient in zip(self.stencils, elements, strict=True):
                 if gradient is not None:
                     forces = forces.at[stencil].add(gradient)
-            total = total.at[: 3 * self.n_vertices].add(forces.reshape(-1))
-        if self.frames is not None:
-            forces = self.frames.into(total[: 3 * self.n_vertices].reshape(-1, 3))
-            total = total.at[: 3 * self.n_vertices].set(forces.reshape(-1))
+            total = total.at[coordinates].add(forces.reshape(-1))
+        if dofs.frames is not None:
+            total = total.at[coordinates].set(dofs.frames.into(total[coordinates].reshape(-1, 3)).reshape(-1))
+        if moments is not None:
+            assert dofs.director_length is not None  # there are moments on free directors only
+            total = total.at[3 * dofs.n_vertices :].add(-moments / dofs.director_length)
         return total
 
     def matrix(
@@ -226,17 +167,10 @@ class Assembly(eqx.Module):
         return self._blank().at[self.face_entries].add(added, wrap_negative_indices=False)
 
     def _blank(self) -> Float[Array, " nnz"]:
-        return jnp.zeros(self.pattern.nnz if self.frames is None else self.frames.n_entries)
+        return jnp.zeros(self.pattern.nnz if self.dofs.frames is None else self.dofs.frames.n_entries)
 
     def _operator(self, values: Float[Array, " nnz"]) -> SparseSymmetric:
-        return SparseSymmetric(self.pattern, values if self.frames is None else self.frames.turn(values))
-
-
-def _mean_edge_length(mesh: Mesh) -> Array:
-    if isinstance(mesh.vertices, Tracer):
-        return jax.lax.stop_gradient(jnp.mean(edge_lengths(mesh.vertices, mesh)))
-    ends = np.asarray(mesh.vertices)[np.asarray(mesh.edges)]
-    return known(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).mean())
+        return SparseSymmetric(self.pattern, values if self.dofs.frames is None else self.dofs.frames.turn(values))
 
 
 def _check_stencil(name: str, stencil: np.ndarray, mesh: Mesh) -> None:

@@ -9,13 +9,14 @@ from ..._mesh.mesh import Mesh
 from ..._rest import RestShape
 from ..._solve.linear.bordered import Bordered
 from ..._solve.matrices.operator import SparseSymmetric
-from ..base import AbstractEnergy, EnergyTerm, FormEnergy
-from ..constraints import Constraint
+from ..base import AbstractEnergy, EnergyTerm
+from ..terms import Terms
 from .assembly import Assembly
 from .convexity import FaceHessians
 from .elements import Elements
 from .faces import FaceEnergies, FaceState
 from .quantities import Quantities
+from .unknowns import Unknowns
 
 
 class DiscreteEnergy(eqx.Module):
@@ -48,41 +49,37 @@ class DiscreteEnergy(eqx.Module):
         - `held`: all unknowns; those that are not free keep these values.
         - `continuation`: how the surface goes on beyond edges whose normal is held.
         """
-        weighted = tuple(energy.weighted_terms())
-        on_faces = tuple(
-            (weight, term, term.element_data(mesh, rest)) for weight, term in weighted if isinstance(term, FormEnergy)
-        )
-        own = [(weight, term) for weight, term in weighted if isinstance(term, EnergyTerm)]
-        constraints = [term for _, term in weighted if isinstance(term, Constraint)]
-        bending = [term for _, term, _ in on_faces if term.form is not None]
+        terms, dofs = Terms.of(energy), assembly.dofs
         self.assembly = assembly
         self.faces = None
-        if on_faces:
-            form = bending[0].form if bending else None
-            self.faces = FaceEnergies(on_faces, mesh, continuation, form, assembly.director_length)
+        if terms.faces:
+            on_faces = tuple((weight, term, term.element_data(mesh, rest)) for weight, term in terms.faces)
+            self.faces = FaceEnergies(on_faces, mesh, continuation, terms.form, dofs.director_length)
+        n = len(terms.elements)
         self.elements = tuple(
             Elements(term, weight, term.element_data(mesh, rest), stencil)
-            for (weight, term), stencil in zip(own, assembly.stencils[: len(own)], strict=True)
+            for (weight, term), stencil in zip(terms.elements, assembly.stencils[:n], strict=True)
         )
-        self.quantities = Quantities.of(constraints, assembly.stencils[len(own) :], mesh, rest)
-        self.moments = _director_moments(own, mesh) if assembly.n_directors else None
+        constraints = [constraint for _, constraint in terms.constraints]
+        self.quantities = Quantities.of(constraints, assembly.stencils[n:], mesh, rest)
+        self.moments = _director_moments(terms.elements, mesh) if dofs.n_directors else None
         self.held = held
 
-    def state(self, y: Float[Array, " n"]) -> tuple[Float[Array, "V 3"], Float[Array, " E"] | None]:
+    def state(self, y: Float[Array, " n"]) -> Unknowns:
         """Positions and directors at the free unknowns `y`."""
-        return self.assembly.split(self.assembly.extend(y, self.held))
+        return self.assembly.dofs.unpack(self.assembly.dofs.extend(y, self.held))
 
     def __call__(self, y: Float[Array, " n"]) -> Scalar:
-        vertices, directors = self.state(y)
+        at = self.state(y)
         total = jnp.zeros(())
         if self.faces is not None:
-            total = total + self.faces.energy(vertices, directors)
+            total = total + self.faces.energy(at)
         for elements in self.elements:
-            total = total + elements.energy(vertices)
+            total = total + elements.energy(at.vertices)
         if self.quantities is not None:
-            total = total + self.quantities.energy(self.quantities.gaps(vertices))
-        if self.moments is not None and directors is not None:
-            total = total - self.moments @ directors
+            total = total + self.quantities.energy(self.quantities.gaps(at.vertices))
+        if self.moments is not None and at.directors is not None:
+            total = total - self.moments @ at.directors
         return total
 
     def full_gradient(self, y: Float[Array, " n"]) -> Float[Array, " N"]:
@@ -91,16 +88,16 @@ class DiscreteEnergy(eqx.Module):
 
     def held_moments(self, y: Float[Array, " n"]) -> Float[Array, "E 3"] | None:
         """The couples by which supports act on the edges whose normal they hold; `None` where no normal is held."""
-        return None if self.faces is None else self.faces.held_moments(*self.state(y))
+        return None if self.faces is None else self.faces.held_moments(self.state(y))
 
     def gradient(self, y: Float[Array, " n"]) -> Float[Array, " n"]:
         """The gradient in the free unknowns."""
-        return self.assembly.restrict(self.full_gradient(y))
+        return self.assembly.dofs.restrict(self.full_gradient(y))
 
     def value_and_gradient(self, y: Float[Array, " n"]) -> tuple[Scalar, Float[Array, " n"]]:
         """The energy and its gradient in the free unknowns."""
         value, gradient = self._value_and_full_gradient(y)
-        return value, self.assembly.restrict(gradient)
+        return value, self.assembly.dofs.restrict(gradient)
 
     def derivatives(
         self, y: Float[Array, " n"]
@@ -110,13 +107,13 @@ class DiscreteEnergy(eqx.Module):
         The Hessian is a [`Bordered`][] matrix where quantities of the whole shell are held. Last comes what makes it
         convex.
         """
-        on_faces = None if self.faces is None else self.faces.derivatives(*self.state(y))[:3]
+        on_faces = None if self.faces is None else self.faces.derivatives(self.state(y))[:3]
         return self._added_up(y, on_faces)
 
     def faces_at(self, y: Float[Array, " n"]) -> FaceState:
         """The faces where the unknowns `y` have them, without stress."""
         assert self.faces is not None
-        numbers = self.faces.numbers(*self.state(y))
+        numbers = self.faces.numbers(self.state(y))
         return FaceState(numbers, jnp.zeros_like(numbers))
 
     def derivatives_apart(
@@ -132,7 +129,7 @@ class DiscreteEnergy(eqx.Module):
         - `at_state`: if not, they are taken where `y` has them, and all is as in `derivatives`.
         """
         assert self.faces is not None
-        value, pulled, second, stress, numbers = self.faces.derivatives(*self.state(y), apart, at_state)
+        value, pulled, second, stress, numbers = self.faces.derivatives(self.state(y), apart, at_state)
         ahead = FacesAhead(self.assembly, numbers, stress, second)
         return *self._added_up(y, (value, pulled, second)), ahead
 
@@ -140,9 +137,10 @@ class DiscreteEnergy(eqx.Module):
         self, y: Float[Array, " n"], on_faces: tuple[Scalar, Float[Array, "m F"], FaceHessians] | None
     ) -> tuple[Scalar, Float[Array, " n"], SparseSymmetric | Bordered, "Convexification"]:
         """The derivatives of all terms from those of the faces."""
-        vertices, directors = self.state(y)
+        at = self.state(y)
+        vertices = at.vertices
         total, pulled, second = (jnp.zeros(()), None, None) if on_faces is None else on_faces
-        total, gradient = self._with_elements(total, pulled, vertices, directors)
+        total, gradient = self._with_elements(total, pulled, at)
         on_elements = [elements.hessian(vertices) for elements in self.elements]
         held = self.quantities
         if held is not None:
@@ -153,7 +151,7 @@ class DiscreteEnergy(eqx.Module):
         convexification = Convexification(self.assembly, second, tuple(on_elements))
         if held is not None:
             hessian = Bordered(hessian, self.rows(y), 1 / held.penalties, eliminated=True)
-        return total, self.assembly.restrict(gradient), hessian, convexification
+        return total, self.assembly.dofs.restrict(gradient), hessian, convexification
 
     def blank_hessian(self, y: Float[Array, " n"]) -> SparseSymmetric | Bordered:
         """A matrix of the structure of the Hessian in `derivatives`, of zeros."""
@@ -165,19 +163,19 @@ class DiscreteEnergy(eqx.Module):
 
     def rows(self, y: Float[Array, " n"]) -> Float[Array, "m n"]:
         """The gradients, in the free unknowns, of the quantities that are held."""
-        vertices, _ = self.state(y)
+        vertices = self.state(y).vertices
         measures = () if self.quantities is None else self.quantities.measures
         rows, absent = [], [None] * len(self.assembly.stencils)
         for k, measure in enumerate(measures):
             at = len(self.elements) + k
             parts = (*absent[:at], measure.value_and_gradient(vertices)[1], *absent[at + 1 :])
-            rows.append(self.assembly.restrict(self.assembly.vector(None, parts)))
+            rows.append(self.assembly.dofs.restrict(self.assembly.vector(None, parts)))
         return jnp.stack(rows)
 
     def gaps(self, y: Float[Array, " n"]) -> Float[Array, " m"]:
         """By how much the quantities that are held exceed their values."""
         assert self.quantities is not None
-        return self.quantities.gaps(self.state(y)[0])
+        return self.quantities.gaps(self.state(y).vertices)
 
     def held_by(self, multipliers: Float[Array, " m"], penalties: Float[Array, " m"] | None = None) -> "DiscreteEnergy":
         """This energy with the quantities that are held under other forces, without a penalty by default."""
@@ -190,17 +188,17 @@ class DiscreteEnergy(eqx.Module):
         return self.derivatives(y)[2]
 
     def _value_and_full_gradient(self, y: Float[Array, " n"]) -> tuple[Scalar, Float[Array, " N"]]:
-        vertices, directors = self.state(y)
+        at = self.state(y)
         total, on_faces = jnp.zeros(()), None
         if self.faces is not None:
-            total, on_faces = self.faces.value_and_gradient(vertices, directors)
-        return self._with_elements(total, on_faces, vertices, directors)
+            total, on_faces = self.faces.value_and_gradient(at)
+        return self._with_elements(total, on_faces, at)
 
     def _with_elements(
-        self, total: Scalar, on_faces: Float[Array, "m F"] | None, vertices: Array, directors: Array | None
+        self, total: Scalar, on_faces: Float[Array, "m F"] | None, at: Unknowns
     ) -> tuple[Scalar, Float[Array, " N"]]:
         """The energy and its gradient in all unknowns, from those of the faces."""
-        gradients = []
+        vertices, gradients = at.vertices, []
         for elements in self.elements:
             value, gradient = elements.value_and_gradient(vertices)
             total = total + value
@@ -211,13 +209,9 @@ class DiscreteEnergy(eqx.Module):
             total = total + self.quantities.energy(gaps)
             forces = self.quantities.forces(gaps)
             gradients += [force * gradient for force, (_, gradient) in zip(forces, measured, strict=True)]
-        assembled = self.assembly.vector(on_faces, tuple(gradients))
-        if self.moments is not None and directors is not None:
-            total = total - self.moments @ directors
-            length = self.assembly.director_length
-            assert length is not None  # there are moments on free directors only
-            assembled = assembled.at[-self.assembly.n_directors :].add(-self.moments / length)
-        return total, assembled
+        if self.moments is not None and at.directors is not None:
+            total = total - self.moments @ at.directors
+        return total, self.assembly.vector(on_faces, tuple(gradients), self.moments)
 
 
 class Convexification(eqx.Module):
@@ -249,7 +243,7 @@ class FacesAhead(eqx.Module):
         return FaceState(self.numbers + change, self.stress + jnp.sum(self.second.intrinsic * change, axis=1))
 
 
-def _director_moments(terms: list[tuple[Array | None, EnergyTerm]], mesh: Mesh) -> Float[Array, " E"] | None:
+def _director_moments(terms: tuple[tuple[Array | None, EnergyTerm], ...], mesh: Mesh) -> Float[Array, " E"] | None:
     total = None
     for weight, term in terms:
         moments = term.director_moments(mesh)

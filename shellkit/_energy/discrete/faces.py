@@ -32,6 +32,7 @@ from ..._mesh.mesh import Mesh
 from ..base import FormEnergy
 from .convexity import FaceHessians
 from .intrinsic import Bends, both_ways, first_derivatives, on_bends, on_lengths, second_derivatives
+from .unknowns import Unknowns
 
 
 class FaceState(eqx.Module):
@@ -61,14 +62,15 @@ class FaceEnergies(eqx.Module):
         a form that stays finite gets there."""
         return self.form not in (None, "tan") and self.director_length is None
 
-    def _intrinsic(self, vertices, directors) -> tuple[Triangles, Hinges | None, Float[Array, "k F"]]:
-        triangles = Triangles(vertices, self.mesh)
+    def _intrinsic(self, at: Unknowns) -> tuple[Triangles, Hinges | None, Float[Array, "k F"]]:
+        triangles = Triangles(at.vertices, self.mesh)
         if self.form is None:
             return triangles, None, triangles.squared_lengths
-        hinges = Hinges(vertices, self.mesh, triangles, self.continuation)
+        hinges = Hinges(at.vertices, self.mesh, triangles, self.continuation)
         half = hinges.near_part(hinges.angles)
         if self.director_length is not None:
-            half = half + director_signs(self.mesh) * directors[self.mesh.face_edges.T]
+            assert at.directors is not None
+            half = half + director_signs(self.mesh) * at.directors[self.mesh.face_edges.T]
         return triangles, hinges, jnp.concatenate([triangles.squared_lengths, half])
 
     def _total(self, bending: bool, metric: Components, curvature: Components | None) -> Float[Array, " F"]:
@@ -140,15 +142,13 @@ class FaceEnergies(eqx.Module):
         turns = BEND_SLOPES[bends.form](numbers[3:])[1]
         return value + bent, stress, bends.second(pull, hessian, turns)
 
-    def energy(self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None) -> Scalar:
+    def energy(self, at: Unknowns) -> Scalar:
         """The sum over all faces."""
-        return jnp.sum(self._value(self._intrinsic(vertices, directors)[2]))
+        return jnp.sum(self._value(self._intrinsic(at)[2]))
 
-    def value_and_gradient(
-        self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None
-    ) -> tuple[Scalar, Float[Array, "m F"]]:
+    def value_and_gradient(self, at: Unknowns) -> tuple[Scalar, Float[Array, "m F"]]:
         """The sum over all faces, and its derivatives in the m unknowns of each face, in the order of `unknowns`."""
-        triangles, hinges, numbers = self._intrinsic(vertices, directors)
+        triangles, hinges, numbers = self._intrinsic(at)
         value, stress = self._value_and_stress(numbers)
         # Kept in memory, or XLA computes them again for every component.
         triangles, hinges, stress = jax.lax.optimization_barrier((triangles, hinges, stress))
@@ -169,12 +169,10 @@ class FaceEnergies(eqx.Module):
             parts.append(director_signs(self.mesh) / self.director_length * stress[3:])
         return jnp.concatenate(parts)
 
-    def held_moments(
-        self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None
-    ) -> Float[Array, "E 3"] | None:
+    def held_moments(self, at: Unknowns) -> Float[Array, "E 3"] | None:
         """The derivative of the energy as the surface beyond a held edge turns, as a vector along each edge; `None`
         where the normal of no edge is held."""
-        triangles, hinges, numbers = self._intrinsic(vertices, directors)
+        triangles, hinges, numbers = self._intrinsic(at)
         if hinges is None or hinges.listed is None:
             return None
         # The half angle to a held normal is all of the angle, which grows as the arm turns about the face's edge.
@@ -183,14 +181,13 @@ class FaceEnergies(eqx.Module):
         turns = jnp.where(hinges.listed, stress, 0.0)[:, None] * along
         return jnp.zeros((self.mesh.n_edges, 3)).at[self.mesh.face_edges.T].add(jnp.moveaxis(turns, 1, 2))
 
-    def numbers(self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None) -> Float[Array, "k F"]:
+    def numbers(self, at: Unknowns) -> Float[Array, "k F"]:
         """The intrinsic numbers of all faces."""
-        return self._intrinsic(vertices, directors)[2]
+        return self._intrinsic(at)[2]
 
     def derivatives(
         self,
-        vertices: Float[Array, "V 3"],
-        directors: Float[Array, " E"] | None,
+        at: Unknowns,
         apart: FaceState | None = None,
         at_state: Bool[Array, ""] | bool = False,
     ) -> tuple[Scalar, Float[Array, "m F"], FaceHessians, Float[Array, "k F"], Float[Array, "k F"]]:
@@ -200,7 +197,7 @@ class FaceEnergies(eqx.Module):
         With `at_state`, the material is looked at where the state `apart` has it, to first order, and the geometric
         part has the stress of that state.
         """
-        triangles, hinges, numbers = self._intrinsic(vertices, directors)
+        triangles, hinges, numbers = self._intrinsic(at)
         if apart is None:
             value, stress, intrinsic = self._second_derivatives(numbers)
             standing = stress

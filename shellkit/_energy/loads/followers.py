@@ -1,6 +1,6 @@
 """Loads that follow the surface: pressure, and moments along an edge. Their energy is minus their work."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import ClassVar
 
 import equinox as eqx
@@ -81,7 +81,7 @@ def cone_apex(mesh: Mesh) -> Float[Array, " 3"]:
     if mesh.is_closed:
         return jnp.mean(mesh.vertices, axis=0)
     rim = mesh.boundary_vertices[:, None]
-    return jnp.sum(jnp.where(rim, mesh.vertices, 0.0), axis=0) / jnp.sum(rim)
+    return jnp.sum(jnp.where(rim, mesh.vertices, 0.0), axis=0) / jnp.sum(rim).astype(float)
 
 
 def cone_volume(x: Float[Array, "3 3"], apex: Float[Array, " 3"]) -> Scalar:
@@ -168,28 +168,3 @@ class EdgeMoment(EnergyTerm):
 
     def _loaded(self, mesh: Mesh) -> Int[Array, " m"]:
         return loaded_edges("EdgeMoment", self.vertices, mesh) if self.edges is None else self.edges
-
-
-def refuse_held_moments(energy: AbstractEnergy, held_edges: Sequence[Int[Array, " _"]], mesh: Mesh) -> None:
-    """Refuse a moment on an edge whose normal is held: only the support would feel it.
-
-    **Arguments:**
-
-    - `energy`: of all terms.
-    - `held_edges`: the edges whose normal is held, of each support.
-    - `mesh`: the surface at rest.
-
-    **Raises:** `ValueError` with the term and the edge.
-    """
-    for _, term in energy.weighted_terms():
-        moments = term.director_moments(mesh) if isinstance(term, EnergyTerm) else None
-        if moments is None:
-            continue
-        for edges in held_edges:
-            loaded = np.flatnonzero(np.asarray(moments[edges]))
-            if len(loaded):
-                ends = np.asarray(mesh.edges)[np.asarray(edges)[loaded[0]]].tolist()
-                raise ValueError(
-                    f"{type(term).__name__}: the normal of the edge between the vertices {ends} is held by a support, "
-                    "which alone would feel the moment; load another edge, or hold this one by Pinned."
-                )

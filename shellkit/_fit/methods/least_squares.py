@@ -293,7 +293,7 @@ def combine(model: Model, coefficients: Float[Array, " k"], like: dict[str, Arra
 
 def _count_residuals(design: Design, free: dict[str, Array]) -> int:
     problem = design.problem(design.values(free))
-    if relaxes_by_itself(problem) and problem.assembly.n_constraints == 0:
+    if relaxes_by_itself(problem):
         equilibrium = eqx.filter_eval_shape(lambda p: p.unrelaxed(), problem)
     else:
         equilibrium = eqx.filter_eval_shape(assess, design, free, None).equilibrium

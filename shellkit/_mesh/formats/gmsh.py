@@ -5,27 +5,33 @@ from pathlib import Path
 
 import numpy as np
 
-from .content import Content, refuse_polygons
+from .content import Content, Polygons, listed_faces
 
 
 _POINTLIKE = ("vertex", "line")  # corners and curves of the geometry, which are passed over
+_FLAT = ("triangle", "quad", "polygon")
 
 
-def read(path: Path) -> Content:
+def read(path: Path) -> Polygons:
     from meshio import gmsh
 
     mesh = gmsh.read(path)
     blocks = [i for i, block in enumerate(mesh.cells) if not block.type.startswith(_POINTLIKE)]
-    count = sum(len(mesh.cells[i].data) for i in blocks)
-    chosen = [i for i in blocks if mesh.cells[i].type == "triangle"]
-    refuse_polygons(count - sum(len(mesh.cells[i].data) for i in chosen), count)
-    if not chosen:
-        raise ValueError("it holds no triangles.")
-    return Content(
+    others = sorted({mesh.cells[i].type for i in blocks} - set(_FLAT))
+    if others:
+        raise ValueError(
+            f"it holds cells of the kinds {', '.join(others)}, which are no flat faces. Mesh surfaces only and to "
+            "first order, as by: gmsh -2 -order 1 shape.geo -o shape.msh."
+        )
+    faces = [listed_faces(np.asarray(mesh.cells[i].data)) for i in blocks]
+    none = np.zeros(0, int)
+    corners, sizes = (np.concatenate([none, *(part[k] for part in faces)]) for k in (0, 1))
+    return Polygons(
         np.asarray(mesh.points, float),
-        np.concatenate([mesh.cells[i].data for i in chosen]).astype(int),
+        corners,
+        sizes,
         {name: np.asarray(v) for name, v in mesh.point_data.items() if not name.startswith("gmsh:")},
-        {name: np.concatenate([np.asarray(v[i]) for i in chosen]) for name, v in mesh.cell_data.items()},
+        {name: np.concatenate([np.asarray(v[i]) for i in blocks]) for name, v in mesh.cell_data.items() if blocks},
     )
 
 

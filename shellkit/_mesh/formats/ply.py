@@ -1,11 +1,13 @@
 """Stanford ply: positions, faces and data of both, exact, in binary. Numbers are scalar properties of a vertex or a
-face, vectors are lists of fixed length. The format has no 64-bit integers: they are kept where 32 bits hold them."""
+face, vectors are lists of fixed length. The format has no 64-bit integers: they are kept where 32 bits hold them.
+Triangle strips are read as well."""
 
+import codecs
 from pathlib import Path
 
 import numpy as np
 
-from .content import Content, triangles
+from .content import Content, Polygons, listed_faces, strip_triangles
 
 
 _TYPES = {
@@ -17,20 +19,42 @@ _NAMES = {np.dtype(code): name for name, code in reversed(_TYPES.items())}
 _FORMATS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 
 
-def read(path: Path) -> Content:
+def read(path: Path) -> Polygons:
     with path.open("rb") as file:
         order, elements = _header(file)
         body = file.read()
     records = _TextRecords(body) if order == "" else _BinaryRecords(body, order)
     tables = {name: _table(records, count, properties) for name, count, properties in elements}
-    vertex, face = tables["vertex"], tables["face"]
-    corners = face.pop("vertex_indices" if "vertex_indices" in face else "vertex_index")
-    points = np.stack([vertex.pop(axis) for axis in "xyz"], axis=1)
-    return Content(points.astype(float), triangles(corners), _rectangular(vertex), _rectangular(face))
+    vertex, face = tables.get("vertex", {}), tables.get("face", {})
+    if not vertex.keys() >= set("xyz"):
+        raise ValueError("its vertices have no positions x, y and z.")
+    points = np.stack([vertex.pop(axis) for axis in "xyz"], axis=1).astype(float)
+    rows = _pop_corners(face)
+    if rows is None:
+        strips = _pop_corners(tables.get("tristrips", {}))
+        rows, face = [] if strips is None else _from_strips(strips), {}
+    return Polygons(points, *listed_faces(rows), _rectangular(vertex), _rectangular(face))
+
+
+def _pop_corners(table):
+    """The vertex indices of an element, taken out of its properties; None where it has none."""
+    for name in ("vertex_indices", "vertex_index"):
+        if name in table and len(table[name]):
+            return table.pop(name)
+    return None
+
+
+def _from_strips(strips):
+    """Triangles from strips, of which a list may hold several, with -1 between them."""
+    pieces = []
+    for strip in strips:
+        strip = np.asarray(strip, int)
+        pieces += [piece[piece >= 0] for piece in np.split(strip, np.flatnonzero(strip < 0))]
+    return np.concatenate([np.zeros((0, 3), int), *(strip_triangles(piece) for piece in pieces if len(piece) > 2)])
 
 
 def _header(file):
-    if file.readline().strip() != b"ply":
+    if file.readline().strip().removeprefix(codecs.BOM_UTF8) != b"ply":
         raise ValueError("the first line is not 'ply'.")
     order, elements = None, []
     for line in iter(file.readline, b""):

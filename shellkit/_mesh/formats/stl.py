@@ -1,30 +1,26 @@
-"""stl: a soup of triangles. Read from both kinds, text and binary, with exactly equal corners merged; written as text,
+"""stl: a soup of triangles. Read from both kinds, text and binary, each face with corners of its own; written as text,
 which keeps positions exactly where the binary kind has 32 bits. It has no place for data, nor for the numbering."""
 
 from pathlib import Path
 
 import numpy as np
 
-from .content import Content, refuse_polygons
+from .content import Content, Polygons
 
 
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _HEADER = 84  # a title of 80 bytes and the count; a text file's count does not match its size
 
 
-def read(path: Path) -> Content:
+def read(path: Path) -> Polygons:
     raw = path.read_bytes()
     count = int.from_bytes(raw[80:_HEADER], "little")
     if len(raw) >= _HEADER and len(raw) == _HEADER + count * _RECORD.itemsize:
         corners = np.frombuffer(raw, _RECORD, count, _HEADER)["corners"].reshape(-1, 3).astype(float)
+        sizes = np.full(count, 3)
     else:
-        corners = _text_corners(raw.decode("utf-8", errors="replace"))
-    corners = corners + 0.0  # no -0.0, which would not compare as equal bytes
-    _, first, inverse = np.unique(corners, axis=0, return_index=True, return_inverse=True)
-    met = np.argsort(first)
-    number = np.empty_like(met)
-    number[met] = np.arange(len(met))
-    return Content(corners[first[met]], number[inverse].reshape(-1, 3), {}, {})
+        corners, sizes = _text_corners(raw.decode("utf-8-sig", errors="replace"))
+    return Polygons(corners, np.arange(len(corners)), sizes, {}, {}, connected=False)
 
 
 def _text_corners(text):
@@ -39,8 +35,7 @@ def _text_corners(text):
         complete = complete or key == "endsolid"
     if not complete:
         raise ValueError("it breaks off: a text file ends with endsolid, and a binary one is as long as it announces.")
-    refuse_polygons(sum(size != 3 for size in sizes), len(sizes))
-    return np.array(corners).reshape(-1, 3)
+    return np.array(corners, float).reshape(-1, 3), np.array(sizes, int)
 
 
 def write(path: Path, content: Content) -> list[str]:

@@ -5,48 +5,79 @@ from pathlib import Path
 
 import numpy as np
 
-from .content import Content, refuse_polygons
+from .content import Content, Polygons, listed_faces, strip_triangles
 
 
 _SHAPE = "shape of {} data {}"
-_POINTLIKE, _TRIANGLE = (1, 2, 3, 4), 5  # VTK's numbers for vertices and lines, which are passed over, and triangles
+# VTK's numbers for vertices and lines, which are passed over, and for what is flat.
+_POINTLIKE, _TRIANGLE, _STRIP, _PIXEL = (1, 2, 3, 4), 5, 6, 8
+_POLYGONS = (_TRIANGLE, 7, 9)
 
 
-def read(path: Path) -> Content:
+def read(path: Path) -> Polygons:
     import pyvista
 
     grid = pyvista.read(path)
     if isinstance(grid, pyvista.PolyData):
-        faces, chosen = _polygons(grid)
+        rows, chosen = _polygons(grid)
     elif isinstance(grid, pyvista.UnstructuredGrid):
-        faces, chosen = _cells(grid)
+        rows, chosen = _cells(grid)
     else:
-        raise ValueError(f"it holds a {type(grid).__name__}, and a surface was expected (PolyData, UnstructuredGrid).")
-    if not len(faces):
-        raise ValueError("it holds no triangles.")
+        raise ValueError(
+            f"it holds a {type(grid).__name__}, and a surface was expected (PolyData, UnstructuredGrid). Take its "
+            "surface: pyvista.read(path).extract_surface(algorithm=None).save('surface.vtp')."
+        )
     vertex_data = {name: _shaped(grid, "vertex", name, np.asarray(grid.point_data[name])) for name in grid.point_data}
-    face_data = {name: _shaped(grid, "face", name, np.asarray(grid.cell_data[name])[chosen]) for name in grid.cell_data}
-    return Content(np.asarray(grid.points, float), faces, vertex_data, face_data)
+    face_data = {name: _shaped(grid, "face", name, np.asarray(grid.cell_data[name]))[chosen] for name in grid.cell_data}
+    return Polygons(np.asarray(grid.points, float), *listed_faces(rows), vertex_data, face_data)
 
 
 def _polygons(surface):
-    if surface.n_strips:
-        raise ValueError(f"it holds {surface.n_strips} triangle strips. Write it anew after pyvista's triangulate().")
-    offsets = np.asarray(surface.GetPolys().GetOffsetsArray(), int) if surface.n_faces else np.zeros(1, int)
+    """The corners of the faces, and the number of the cell of each: first come vertices, then lines, then polygons,
+    then strips."""
+    first = surface.n_verts + surface.n_lines
+    rows = _lists(surface.GetPolys())
+    chosen = list(range(first, first + len(rows)))
+    if not surface.n_strips:
+        return rows, chosen
+    rows = list(rows)
+    for number, strip in enumerate(_lists(surface.GetStrips()), len(chosen) + first):
+        triangles = strip_triangles(strip)
+        rows += list(triangles)
+        chosen += [number] * len(triangles)
+    return rows, chosen
+
+
+def _lists(cells):
+    if not cells.GetNumberOfCells():
+        return []
+    offsets, corners = (np.array(part).astype(int) for part in (cells.GetOffsetsArray(), cells.GetConnectivityArray()))
     sizes = np.diff(offsets)
-    refuse_polygons(int((sizes != 3).sum()), len(sizes))
-    # Cells are numbered vertices first, then lines, then polygons.
-    chosen = surface.n_verts + surface.n_lines + np.arange(len(sizes))
-    return surface.faces.reshape(-1, 4)[:, 1:].astype(int), chosen
+    if (sizes == 3).all():
+        return corners.reshape(-1, 3)
+    return np.split(corners, offsets[1:-1])
 
 
 def _cells(grid):
-    kinds = np.asarray(grid.celltypes)
-    surface = ~np.isin(kinds, _POINTLIKE)
-    chosen = np.flatnonzero(kinds == _TRIANGLE)
-    refuse_polygons(int(surface.sum()) - len(chosen), int(surface.sum()))
-    starts = np.asarray(grid.cell_offsets, int)[:-1][chosen]
-    return np.asarray(grid.cell_connectivity, int)[starts[:, None] + np.arange(3)], chosen
+    kinds, offsets = np.asarray(grid.celltypes), np.asarray(grid.cell_offsets).astype(int)
+    corners = np.asarray(grid.cell_connectivity).astype(int)
+    chosen = np.flatnonzero(~np.isin(kinds, _POINTLIKE))
+    others = set(kinds[chosen].tolist()) - {*_POLYGONS, _STRIP, _PIXEL}
+    if others:
+        raise ValueError(
+            f"it holds cells that are no flat faces (of VTK's kinds {', '.join(map(str, sorted(others)))}). Take its "
+            "surface: pyvista.read(path).extract_surface(algorithm=None).save('surface.vtp')."
+        )
+    if (kinds[chosen] == _TRIANGLE).all():
+        return corners[offsets[:-1][chosen][:, None] + np.arange(3)], chosen
+    rows, numbers = [], []
+    for number in chosen:
+        row = corners[offsets[number] : offsets[number + 1]]
+        faces = [row[[0, 1, 3, 2]]] if kinds[number] == _PIXEL else [row]
+        faces = list(strip_triangles(row)) if kinds[number] == _STRIP else faces
+        rows += faces
+        numbers += [number] * len(faces)
+    return rows, numbers
 
 
 def _shaped(grid, of, name, values):

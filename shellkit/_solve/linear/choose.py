@@ -40,7 +40,7 @@ def direct_solver(name: str) -> AbstractSparseSolver:
     """
     for known, solver, module, package in _SOLVERS:
         if known == name:
-            if importlib.util.find_spec(module) is None:
+            if not _is_installed(module):
                 raise ImportError(f"the solver {name!r} needs the package {package}: pip install {package}")
             return solver()
     names = ", ".join(repr(known) for known, *_ in _SOLVERS)
@@ -55,4 +55,13 @@ def default_direct_solver() -> AbstractSparseSolver:
         return direct_solver(name)
     if jax.default_backend() != "cpu":
         return direct_solver("cg")
-    return direct_solver(next(name for name, _, module, _ in _SOLVERS if importlib.util.find_spec(module) is not None))
+    return direct_solver(next(name for name, there in installed_solvers().items() if there))
+
+
+def installed_solvers() -> dict[str, bool]:
+    """Whether each solver has the package that it needs, by name, in order of preference."""
+    return {name: _is_installed(module) for name, _, module, _ in _SOLVERS}
+
+
+def _is_installed(module: str) -> bool:
+    return importlib.util.find_spec(module) is not None

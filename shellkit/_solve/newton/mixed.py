@@ -89,7 +89,7 @@ class Mixed(eqx.Module):
             on=going | begins,
             origin=choose(begins, moved, self.origin),
             steps=jnp.where(going, self.steps + 1, 0),
-            attempts=self.attempts + begins,
+            attempts=self.attempts + begins.astype(jnp.int32),
         )
         after_all = Point(point.y + direction, moved.value, moved.gradient, moved.norm)
         return mixed, choose(begins, after_all, choose(vain, self.origin, moved))

@@ -258,7 +258,7 @@ class SparseNewton(optx.AbstractMinimiser):
             factor, solution = solver.factorise_and_solve(matrix, rhs)
             # A try costs as much as a step: they lie ever further apart, at first too, where the way is long.
             stride = tries + jnp.where(state.factorisations == 0, 3, 1)
-            higher = jnp.maximum(next_shift, _SMALLEST_SHIFT) * _SHIFT_GROWTH**stride
+            higher = jnp.maximum(next_shift, _SMALLEST_SHIFT) * _SHIFT_GROWTH ** stride.astype(float)
             return factor, solution, higher, next_shift, tries + 1, lift
 
         unfit = lambda carry: (carry[4] == 0) | (~usable(carry[0]) & (carry[4] < max_tries))

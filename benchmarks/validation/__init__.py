@@ -1,1 +1,0 @@
-"""Problems with known answers: each card is a module that measures, one command runs them all and writes the page."""

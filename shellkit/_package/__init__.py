@@ -1,0 +1,1 @@
+"""The package itself: what it is called, and the report on an installation."""
