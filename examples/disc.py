@@ -8,7 +8,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
-import optimistix as optx
 
 import shellkit as sk
 
@@ -63,7 +62,7 @@ def main() -> None:
         angles = lambda p: (p.actuation.top.angle, p.actuation.bottom.angle)
         # Adam gets past the snaps on the way; the other goes straight to the bottom from there.
         rough = sk.fit(problem, optax.adam(0.03), steps=options.steps, where=angles)
-        squares = optx.LevenbergMarquardt(rtol=1e-6, atol=1e-9)
+        squares = sk.LevenbergMarquardt(rtol=1e-6, atol=1e-9)
         result = sk.fit(rough.problem, squares, steps=max(options.steps // 4, 1), where=angles)
         distance = lambda p: float(np.sqrt(p.evaluate()[1]["VertexDistance"]))
         start, end = distance(problem), distance(result.problem)

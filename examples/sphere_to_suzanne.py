@@ -128,7 +128,7 @@ def trained(material: str, problem: sk.InverseProblem, steps: int) -> sk.FitResu
 
     bounds = [sk.Bounds(stretches, LOW, HIGH)] if fields[1:] else []
     rate = optax.cosine_decay_schedule(0.03, steps, alpha=0.1)
-    return sk.fit(problem, optax.adam(rate), steps=steps, where=where, bounds=bounds, warm_start="last")
+    return sk.fit(problem, optax.adam(rate), steps=steps, where=where, bounds=bounds, warm_start=sk.WarmStart())
 
 
 def main() -> None:

@@ -11,7 +11,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
-import optimistix as optx
 
 import shellkit as sk
 
@@ -53,11 +52,11 @@ def adam(steps: int) -> optax.GradientTransformation:
 
 
 class Stage(NamedTuple):
-    """A part of a fit, and by what part of itself the loss may rise in a step of it; Levenberg's falls without it."""
+    """A part of a fit, and which designs are refused in it: the loss of Levenberg's falls unless it may rise."""
 
-    optimiser: optax.GradientTransformation | optx.LevenbergMarquardt
+    method: optax.GradientTransformation | sk.Method
     steps: int
-    max_rise: float | None = None
+    refuse: sk.Refuse = sk.Refuse()
 
 
 def figures(stages: list[sk.FitResult]) -> tuple[str, ...]:
@@ -96,11 +95,11 @@ def main() -> None:
     mesh = sk.Mesh.read(SUZANNE)
     print(mesh.quality())
 
-    levenberg = optx.LevenbergMarquardt(rtol=1e-6, atol=1e-9)
+    levenberg = sk.LevenbergMarquardt(rtol=1e-6, atol=1e-9)
     methods = {
         "adam": (Stage(adam(options.steps), options.steps),),
         # It would otherwise stop at the first edge over which the shell snaps.
-        "levenberg": (Stage(levenberg, options.second_order_steps, max_rise=2.0),),
+        "levenberg": (Stage(levenberg, options.second_order_steps, sk.Refuse(rise=2.0)),),
         # Where Adam has found the way past the snaps, the last part of the way is smooth.
         "polished": (Stage(adam(150), 150), Stage(levenberg, 12)),
     }
@@ -113,12 +112,21 @@ def main() -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     for name, stages in methods.items():
         fits: list[sk.FitResult] = []
-        for i, (optimiser, steps, max_rise) in enumerate(stages):
+        for i, (method, steps, refuse) in enumerate(stages):
             # The same call made again goes on from the file: delete it to begin anew.
             file = None if options.quick else options.out / f"{name}_{options.form}_{i}.fit"
-            of_fit = {"checkpoint": file, "warm_start": "last", "max_rise": max_rise, "check_every": 50}
-            design = fits[-1].problem if fits else problem
-            fits.append(sk.fit(design, optimiser, steps=steps, where=angles, **of_fit))
+            warm_start, design = sk.WarmStart(check_every=50), fits[-1].problem if fits else problem
+            fits.append(
+                sk.fit(
+                    design,
+                    method,
+                    steps=steps,
+                    where=angles,
+                    warm_start=warm_start,
+                    refuse=refuse,
+                    checkpoint=file,
+                )
+            )
         results[name], columns[name] = fits[-1], figures(fits)
     names = ("sphericity at the start", "sphericity of the design", "tutorial's loss of it", "std(r) / mean(r)")
     names += ("largest dihedral angle", "edges beyond 90°", "time, with compilation", "after the first two steps")

@@ -54,6 +54,9 @@ REFINABLE = {
     "name",
     "director_fields",
     "engaged",
+    "accept",
+    "refuse",
+    "arrived",
 }
 
 # Files that are still to be divided.

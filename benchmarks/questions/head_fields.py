@@ -60,7 +60,7 @@ def _along_training(problem: sk.InverseProblem, count: int) -> list[sk.InversePr
     keep = lambda step: met.append(step.problem) if step.step % 2 == 0 else None
     rate = optax.cosine_decay_schedule(0.15, steps, alpha=0.02)
     optimiser = optax.chain(optax.clip_by_global_norm(0.004), optax.adam(rate, b2=0.99))
-    options = {"progress": False, "warm_start": "last", "max_rise": 0.1}
+    options = {"progress": False, "warm_start": sk.WarmStart(), "refuse": sk.Refuse(rise=0.1)}
     sk.fit(problem, optimiser, steps=steps, where=director_angles, callbacks=[keep], **options)
     return met
 

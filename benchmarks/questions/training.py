@@ -9,7 +9,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import optax
-import optimistix as optx
 
 import shellkit as sk
 
@@ -72,7 +71,7 @@ def _problem(scene: str, mesh: sk.Mesh) -> sk.InverseProblem:
 
 def _optimiser(name: str, scene: str, steps: int) -> Any:
     if name == "levenberg":
-        return optx.LevenbergMarquardt(rtol=1e-6, atol=1e-9)
+        return sk.LevenbergMarquardt(rtol=1e-6, atol=1e-9)
     if name == "lbfgs":
         return optax.lbfgs()
     if scene != "suzanne":
@@ -90,8 +89,8 @@ def measure(mesh: str, scene: str, optimiser: str, steps: int, limit_s: float) -
     method = _optimiser(optimiser, scene, steps)
     options = {"where": lambda p: director_angles(p.inner), "progress": False}
     if scene == "suzanne":  # as in the example
-        max_rise = 2.0 if optimiser == "levenberg" else None
-        options |= {"warm_start": "last", "max_rise": max_rise, "check_every": 1000}
+        options["warm_start"] = sk.WarmStart(check_every=1000)
+        options["refuse"] = sk.Refuse(rise=2.0 if optimiser == "levenberg" else None)
     start = time.perf_counter()
     sk.fit(problem, method, steps=2, **options)
     first_s = time.perf_counter() - start

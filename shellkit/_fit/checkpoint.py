@@ -8,6 +8,7 @@ import os
 import re
 import secrets
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,12 +16,37 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 
+from .choices import check_count
 from .design import split_at
 from .fingerprint import describe, differences
 from .history import FitResult, History
 
 
 _MAGIC = b"shellkit fit checkpoint 1\n"
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """A file in which a fit is kept as it goes on. The same call made again takes it up from there, and goes on exactly
+    as it would have without the stop.
+
+    It is replaced atomically, so that a kill at any moment does no harm; and it is written when the fit ends, were it
+    by an error. A file that is no checkpoint is never touched. `fit(…, checkpoint="run")` is short for
+    `checkpoint=sk.Checkpoint("run")`.
+
+    **Arguments:**
+
+    - `path`: the file. Its folder is made.
+    - `every`: how many steps apart it is written.
+
+    **Raises:** `ValueError` for a number below 1.
+    """
+
+    path: str | os.PathLike
+    every: int = 25
+
+    def __post_init__(self):
+        check_count("Checkpoint: every", self.every)
 
 
 class Stored(NamedTuple):

@@ -26,7 +26,7 @@ class History(Mapping[str, np.ndarray]):
     - `update_scale`: the part of the optimiser's update that led here: 1 unless designs were refused lately.
     - with a least-squares solver, in place of `update_scale`: `control`, the damping, the part of the Gauss–Newton step
         or the radius of the dogleg with which the design was reached (NaN at the start), and `products`, how many pairs
-        of products with the Jacobian and its transpose were made there.
+        of products with the Jacobian and its transpose were made there; with a method of your own, what it records.
     - `seconds`: wall time since the fit began, compilation included and earlier runs of a resumed fit counted.
     - `warm_gap` (with warm starts only): the loss less the loss when relaxed from rest; NaN where that was not checked.
 

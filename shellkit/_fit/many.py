@@ -5,7 +5,7 @@ import concurrent.futures as futures
 import os
 import pickle
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -15,15 +15,18 @@ import numpy as np
 from jaxtyping import PyTree
 
 from . import checkpoint as _checkpoint
-from .design import Bounds, Named, selected, split_at
-from .fit import fit
-from .history import FitResult, History
+from .checkpoint import Checkpoint
+from .design import Bounds, Named, selected, split
+from .fit import as_method, fit
+from .history import FitResult
+from .methods.base import Method
+from .retired import takes_retired
 from .together import fit_together
 
 
-_POLL = 0.2  # seconds between looks at jobs that cannot be waited for
-_TOGETHER = ("steps", "where", "bounds", "unconverged", "max_refusals", "progress")  # options of fits side by side
-_OVER = ("steps", "converged", "plateau", "callback", "refused")
+_POLL = 0.05  # seconds between looks at jobs
+_TOGETHER = ("steps", "where", "bounds", "refuse", "progress")  # options of fits side by side
+_OVER = ("converged", "plateau", "callback", "refused")
 
 
 @dataclass(frozen=True)
@@ -59,9 +62,10 @@ class ManyFits:
         return f"ManyFits({done} of {len(self.results)} done, {len(self.failures)} failed{best})"
 
 
+@takes_retired
 def fit_many(
     problems: Iterable[Any],
-    optimiser: Any,
+    method: Any,
     *,
     steps: int,
     make: Callable[[Any], Any] | None = None,
@@ -69,7 +73,7 @@ def fit_many(
     bounds: Sequence[Bounds] = (),
     together: Literal["map", "vmap"] | None = None,
     executor: Any = None,
-    folder: str | os.PathLike | None = None,
+    folder: str | os.PathLike | Checkpoint | None = None,
     gathered: Callable[[int, FitResult | BaseException], object] | None = None,
     **options: Any,
 ) -> ManyFits:
@@ -86,19 +90,20 @@ def fit_many(
     **Arguments:**
 
     - `problems`: the problems; or, with `make`, what they are made of, such as random keys.
-    - `optimiser`: as for [`shellkit.fit`][], or a function without arguments that makes it, such as
+    - `method`: as for [`shellkit.fit`][], or a function without arguments that makes it, such as
         `functools.partial(optax.adam, 0.1)`: optax's own cannot be sent to another process.
     - `steps`, `where`, `bounds`: as for `fit`; `where` and `bounds` name the same arrays in every problem.
     - `make`: called with each item of `problems`, where the fit runs; returns the problem. For other processes it must
         be a function at the top of an importable file, as must all that is sent to them.
     - `together`: `"map"` (by `jax.lax.map`) or `"vmap"`, for problems of one kind, with meshes of one size, and
-        optimisers of optax. Of the options it takes `unconverged` and `max_refusals`; it keeps no checkpoints, and a
-        result comes when its last step is done.
+        optimisers of optax, or methods of your own that JAX can trace and that take every design. Of the options it
+        takes `refuse`, without a `rise`; it keeps no checkpoints, and a result comes when its last step is done.
     - `executor`: any `concurrent.futures.Executor` (local processes should be started by `"spawn"`, as JAX does not
         survive a fork), or one whose `submit` returns jobs with `done()` and `result()`, such as submitit's for a
         cluster. It is not shut down here.
-    - `folder`: where each start keeps its checkpoint, `start-0000` and so on. When the same call is made again, starts
-        that ended are read and the others taken up where they stood.
+    - `folder`: where each start keeps its checkpoint, `start-0000` and so on; or a [`shellkit.Checkpoint`][] with the
+        folder for its path, which says how often as well. When the same call is made again, starts that ended are read
+        and the others taken up where they stood.
     - `gathered`: called with the number of a start and its result, or the exception it failed with, as they come in.
     - `options`: further options of `fit`, but for `checkpoint`. No bar is shown unless asked for by `progress`.
 
@@ -126,14 +131,13 @@ def fit_many(
     if "checkpoint" in options:
         raise ValueError("fit_many: each start has a checkpoint of its own; give folder= in place of checkpoint=.")
     if together is not None:
-        _check_together(together, optimiser, executor, folder, options)
+        _check_together(together, method, executor, folder, options)
     first = items[0] if make is None else make(items[0])
     # Names travel between processes where functions such as lambdas do not.
     picked = where if where is None else Named(tuple(selected(first, where, "where")))
     limits = [replace(b, where=Named(tuple(selected(first, b.where, "Bounds.where")))) for b in bounds]
-    places = [None] * len(items) if folder is None else [Path(folder) / f"start-{n:04d}" for n in range(len(items))]
     options = {"progress": False, **options, "steps": steps, "where": picked, "bounds": limits}
-    tasks = [_Task(item, make, optimiser, place, options) for item, place in zip(items, places, strict=True)]
+    tasks = [_Task(item, make, method, _start(folder, number), options) for number, item in enumerate(items)]
 
     many = ManyFits([None] * len(items), {})
 
@@ -156,7 +160,8 @@ def fit_many(
                     break
         else:
             _check_sendable(tasks[0], executor)
-            _gather(executor, tasks, keep)
+            for number, outcome in _from_workers(executor, tasks):
+                keep(number, outcome)
     except KeyboardInterrupt:
         pass
     return many
@@ -168,8 +173,8 @@ class _Task:
 
     item: Any
     make: Callable[[Any], Any] | None
-    optimiser: Any
-    checkpoint: Path | None
+    method: Any
+    checkpoint: Checkpoint | None
     options: dict[str, Any]
 
     def problem(self) -> Any:
@@ -177,65 +182,40 @@ class _Task:
 
     def run(self) -> FitResult:
         problem = self.problem()
-        if self.checkpoint is not None and self.checkpoint.exists():
-            header = _checkpoint.read(self.checkpoint).header
-            ended = header["stopped"] in _OVER and header["stopped"] != "steps"
-            if ended or header["step"] >= self.options["steps"]:
-                return _checkpoint.load_checkpoint(self.checkpoint, problem)
-        optimiser = self.optimiser if _is_optimiser(self.optimiser) else self.optimiser()
-        return fit(problem, optimiser, checkpoint=self.checkpoint, **self.options)
+        if self.checkpoint is not None and Path(self.checkpoint.path).exists():
+            header = _checkpoint.read(Path(self.checkpoint.path)).header
+            if header["stopped"] in _OVER or header["step"] >= self.options["steps"]:
+                return _checkpoint.load_checkpoint(self.checkpoint.path, problem)
+        return fit(problem, _made(self.method), checkpoint=self.checkpoint, **self.options)
 
-    def send_back(self) -> dict[str, Any]:
-        """The result in arrays and numbers alone."""
+    def send(self) -> FitResult:
+        """The result with only its trained arrays in place of problems: what can be sent back by any executor."""
         result = self.run()
-        names = self.names(result.problem)
-        arrays = [
-            {name: np.asarray(x) for name, x in split_at(problem, names)[1].items()}
-            for problem in (result.problem, result.last_problem)
-        ]
-        return {
-            "arrays": arrays,
-            "history": result.history.lists(),
-            "best_loss": result.best_loss,
-            "best_step": result.best_step,
-            "stopped": result.stopped,
-        }
+        trained = lambda problem: jax.tree.map(np.asarray, split(problem, self.options["where"])[1])
+        best, last = trained(result.problem), trained(result.last_problem)
+        return replace(result, problem=best, last_problem=last, equilibrium=None, state=None)
 
-    def receive(self, sent: dict[str, Any]) -> FitResult:
-        design, _ = split_at(self.problem(), self.names(self.problem()))
-        best, last = (design.problem(jax.tree.map(jax.numpy.asarray, arrays)) for arrays in sent["arrays"])
-        return FitResult(
-            problem=best,
-            best_loss=sent["best_loss"],
-            best_step=sent["best_step"],
-            equilibrium=None,
-            last_problem=last,
-            history=History(sent["history"]),
-            stopped=sent["stopped"],
-            state=None,
-        )
-
-    def names(self, problem: Any) -> list[str]:
-        where = self.options["where"]
-        if where is None:
-            return selected(problem, lambda p: p.actuation, "where=None")
-        return list(where.names)
+    def receive(self, sent: FitResult) -> FitResult:
+        """A result that was sent back, with its problems."""
+        design, _ = split(self.problem(), self.options["where"])
+        whole = lambda trained: design.problem(jax.tree.map(jax.numpy.asarray, trained))
+        return replace(sent, problem=whole(sent.problem), last_problem=whole(sent.last_problem))
 
 
-def _side_by_side(tasks: list[_Task], how: Literal["map", "vmap"], keep: Callable[[int, Any], None]) -> None:
-    made = [_outcome(task.problem) for task in tasks]
-    for number, problem in enumerate(made):
-        if isinstance(problem, Exception):
-            keep(number, problem)
-    there = [number for number, problem in enumerate(made) if not isinstance(problem, Exception)]
-    options = {name: option for name, option in tasks[0].options.items() if name != "progress"}
-    optimiser = tasks[0].optimiser if _is_optimiser(tasks[0].optimiser) else tasks[0].optimiser()
-    if there:
-        fit_together([made[n] for n in there], optimiser, how, lambda n, found: keep(there[n], found), **options)
+def _start(folder: Any, number: int) -> Checkpoint | None:
+    if folder is None:
+        return None
+    kept = folder if isinstance(folder, Checkpoint) else Checkpoint(folder)
+    return replace(kept, path=Path(kept.path) / f"start-{number:04d}")
 
 
-def _run(task: _Task) -> dict[str, Any]:
-    return task.send_back()
+def _made(method: Any) -> Any:
+    """The method itself, where a function that makes it was given."""
+    import optax
+
+    if isinstance(method, optax.GradientTransformation | Method) or not callable(method):
+        return method
+    return method()
 
 
 def _outcome(call: Callable[[], Any]) -> Any:
@@ -245,55 +225,62 @@ def _outcome(call: Callable[[], Any]) -> Any:
         return error
 
 
-def _gather(executor: Any, tasks: list[_Task], keep: Callable[[int, Any], None]) -> None:
-    jobs = {number: executor.submit(_run, task) for number, task in enumerate(tasks)}
+def _side_by_side(tasks: list[_Task], how: Literal["map", "vmap"], keep: Callable[[int, Any], None]) -> None:
+    problems = {}
+    for number, task in enumerate(tasks):
+        problem = _outcome(task.problem)
+        if isinstance(problem, Exception):
+            keep(number, problem)
+        else:
+            problems[number] = problem
+    numbers, options = list(problems), {name: x for name, x in tasks[0].options.items() if name != "progress"}
+    if problems:
+        method = as_method(_made(tasks[0].method), stacklevel=5)
+        fit_together(list(problems.values()), method, how, lambda n, found: keep(numbers[n], found), **options)
+
+
+def _from_workers(executor: Any, tasks: list[_Task]) -> Iterator[tuple[int, Any]]:
+    """The outcomes of the tasks as they come in. Jobs are looked at, not waited for: not every executor has futures."""
+    jobs = {number: executor.submit(task.send) for number, task in enumerate(tasks)}
     try:
         while jobs:
-            waited_for = [job for job in jobs.values() if isinstance(job, futures.Future)]
-            if len(waited_for) == len(jobs):
-                futures.wait(waited_for, return_when=futures.FIRST_COMPLETED)
-            done = [number for number, job in jobs.items() if job.done()]
-            for number in done:
+            for number in [number for number, job in jobs.items() if job.done()]:
                 job, task = jobs.pop(number), tasks[number]
-                keep(number, _outcome(lambda job=job, task=task: task.receive(job.result())))
-            if not done:
-                time.sleep(_POLL)
+                yield number, _outcome(lambda job=job, task=task: task.receive(job.result()))
+            time.sleep(_POLL)
     finally:
         for job in jobs.values():
             job.cancel()
 
 
-def _is_optimiser(optimiser: Any) -> bool:
-    import optax
-
-    return isinstance(optimiser, optax.GradientTransformation) or not callable(optimiser)
-
-
-def _check_together(together: str, optimiser: Any, executor: Any, folder: Any, options: dict[str, Any]) -> None:
-    import optax
-
+def _check_together(together: str, method: Any, executor: Any, folder: Any, options: dict[str, Any]) -> None:
     if together not in ("map", "vmap"):
         raise ValueError(f"fit_many: together must be 'map', 'vmap' or None; got {together!r}.")
     if executor is not None or folder is not None:
         raise ValueError("fit_many: fits that go on together have neither an executor nor a folder; use one of them.")
-    made = optimiser if _is_optimiser(optimiser) else optimiser()
-    if not isinstance(made, optax.GradientTransformation):
-        raise ValueError(f"fit_many: fits go on together with optax's optimisers alone; got {type(made).__name__}.")
+    made = as_method(_made(method), stacklevel=5)
+    if type(made).accept is not Method.accept or not made.needs_gradient:
+        raise ValueError(
+            "fit_many: fits go on together with optax's optimisers alone, or methods that take every design; "
+            f"got {type(made).__name__}."
+        )
     unknown = sorted(options.keys() - set(_TOGETHER))
     if unknown:
         raise ValueError(f"fit_many: with together={together!r} there is no option {unknown[0]!r}; leave it out.")
+    if "refuse" in options and options["refuse"].rise is not None:
+        raise ValueError(f"fit_many: with together={together!r} there is no Refuse(rise=…); leave it out.")
 
 
 def _check_sendable(task: _Task, executor: Any) -> None:
     if not isinstance(executor, futures.ProcessPoolExecutor):
         return
-    parts = {"the problem": task.item, "make": task.make, "optimiser": task.optimiser, "an option": task.options}
+    parts = {"the problem": task.item, "make": task.make, "the method": task.method, "an option": task.options}
     for name, part in parts.items():
         try:
             pickle.dumps(part)
         except Exception as error:
             raise ValueError(
                 f"fit_many: {name} cannot be sent to another process ({error}). Functions must stand at the top of an "
-                "importable file; give the optimiser as a function that makes it, such as "
+                "importable file; give an optimiser as a function that makes it, such as "
                 "functools.partial(optax.adam, 0.1)."
             ) from error

@@ -23,8 +23,18 @@ _Struct = jax.ShapeDtypeStruct
 
 
 class Evaluation(eqx.Module):
-    """A design and what was found there. The gradient is absent where it was not asked for; `diagnostics` are the
-    scalars of the relaxation, none where there was none."""
+    """A design of a fit and what was found there.
+
+    **Attributes:**
+
+    - `free`: the design: arrays by name, in the optimiser's variables.
+    - `values`: the trained arrays themselves, which differ from `free` where they are bounded.
+    - `loss`, `terms`: the total loss, and the value of each of its terms by name, without its weight.
+    - `gradient`, `gradient_norm`: the derivative of the loss in `free`, and its Euclidean norm; `None` where it was not
+        asked for.
+    - `equilibrium`: the relaxed shape, `None` if no loss term looks at it.
+    - `diagnostics`: scalars of the relaxation by name, none where there was none.
+    """
 
     free: dict[str, Array]
     values: dict[str, Array]

@@ -10,6 +10,7 @@ import optax
 
 jax.config.update("jax_enable_x64", True)
 
+from shellkit._fit.checkpoint import Checkpoint  # noqa: E402
 from shellkit._fit.fit import fit  # noqa: E402
 
 
@@ -24,7 +25,7 @@ class Bowl(eqx.Module):
 def run(path, steps):
     # Large enough that writing takes most of the time.
     problem = Bowl(jnp.linspace(1.0, 2.0, 20_000))
-    return fit(problem, optax.adam(0.01), steps=steps, where=lambda p: p.depth, checkpoint=path, checkpoint_every=1)
+    return fit(problem, optax.adam(0.01), steps=steps, where=lambda p: p.depth, checkpoint=Checkpoint(path, every=1))
 
 
 if __name__ == "__main__":

@@ -3,6 +3,7 @@
 import importlib.util
 import os
 import random
+import shutil
 import subprocess
 import sys
 import time
@@ -16,7 +17,8 @@ import optax
 import pytest
 
 import shellkit
-from shellkit._fit.checkpoint import load_checkpoint
+from shellkit._fit.checkpoint import Checkpoint, load_checkpoint
+from shellkit._fit.choices import WarmStart
 from shellkit._fit.fit import fit
 
 
@@ -95,6 +97,22 @@ def test_is_written_when_a_fit_breaks_off(make_quadratic, angle, tmp_path, error
     same(run(), fit(make_quadratic(), optax.adam(0.1), steps=9, where=angle))
 
 
+@pytest.mark.parametrize("name", ["adam", "warm"])
+def test_one_of_the_last_release_is_resumed(make_quadratic, make_wells, angle, tmp_path, name):
+    """Written after four steps, before a fit was told of its choices by modules."""
+    make, optimiser, options = {
+        "adam": (make_quadratic, optax.adam(0.1), {}),
+        "warm": (lambda: make_wells(0.3, 1.3), optax.adam(0.05), {"warm_start": WarmStart("predicted", check_every=3)}),
+    }[name]
+    kept = Path(__file__).parent / "kept" / name
+    shutil.copy(kept, tmp_path / "run")
+    run = lambda **more: fit(make(), optimiser, steps=8, where=angle, **options, **more)
+    resumed, straight = run(checkpoint=tmp_path / "run"), run()
+    assert resumed.history["seconds"][3] == load_checkpoint(kept, make()).history["seconds"][3]
+    for column in set(straight.history) - {"seconds", "warm_gap", "relaxation_gradient_norm"}:
+        np.testing.assert_allclose(resumed.history[column], straight.history[column], rtol=1e-9)
+
+
 def test_load_checkpoint(make_quadratic, angle, tmp_path):
     where = lambda p: (p.actuation.angle, p.weight)
     path = tmp_path / "run"
@@ -121,7 +139,7 @@ def test_load_checkpoint(make_quadratic, angle, tmp_path):
         ({"start": 0.5}, "start.actuation.angle"),
         ({"optimiser": optax.sgd(0.1)}, "optimiser.0.mu.actuation.angle: .* absent here"),
         ({"where": lambda p: p.weight}, "trained.weight: absent in the checkpoint"),
-        ({"warm_start": "last"}, "choices.warm_start: rest in the checkpoint, last here"),
+        ({"warm_start": WarmStart()}, "choices.warm_start: rest in the checkpoint, last here"),
     ],
 )
 def test_another_fit_is_refused_and_the_difference_named(make_quadratic, angle, tmp_path, change, message):
@@ -169,7 +187,7 @@ def test_damage_is_noticed(make_quadratic, angle, tmp_path, damage):
 def test_a_crash_while_writing_leaves_the_older_one(make_quadratic, angle, tmp_path, monkeypatch, broken):
     path = tmp_path / "run"
     run = lambda steps: fit(
-        make_quadratic(), optax.adam(0.1), steps=steps, where=angle, checkpoint=path, checkpoint_every=1
+        make_quadratic(), optax.adam(0.1), steps=steps, where=angle, checkpoint=Checkpoint(path, every=1)
     )
     run(4)
     before = path.read_bytes()

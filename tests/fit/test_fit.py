@@ -1,5 +1,6 @@
 """Training against problems solved on paper: what is trained, recorded, compiled, and when it stops."""
 
+import inspect
 import logging
 
 import equinox as eqx
@@ -9,8 +10,11 @@ import numpy as np
 import optax
 import pytest
 
+from shellkit._fit.checkpoint import Checkpoint
+from shellkit._fit.choices import Refuse, WarmStart
 from shellkit._fit.design import selected
 from shellkit._fit.fit import fit
+from shellkit._fit.observers import Stop
 
 
 def test_gradient_descent_follows_its_recursion(make_quadratic, angle):
@@ -176,7 +180,7 @@ def test_callbacks_see_each_step_and_may_stop(make_quadratic, angle):
 
 
 def test_stops_on_a_plateau(make_quadratic, angle):
-    result = fit(make_quadratic(), optax.sgd(0.2), steps=500, where=angle, patience=5, tolerance=1e-3)
+    result = fit(make_quadratic(), optax.sgd(0.2), steps=500, where=angle, callbacks=[Stop(patience=5, tolerance=1e-3)])
     loss = result.history["loss"]
     assert result.stopped == "plateau" and len(loss) < 60
     assert loss[-5:].min() >= loss[:-5].min() * (1 - 1e-3)
@@ -184,7 +188,7 @@ def test_stops_on_a_plateau(make_quadratic, angle):
 
 
 def test_stops_when_time_is_over(make_quadratic, angle):
-    result = fit(make_quadratic(), optax.sgd(0.2), steps=10**6, where=angle, max_seconds=1e-9)
+    result = fit(make_quadratic(), optax.sgd(0.2), steps=10**6, where=angle, callbacks=[Stop(seconds=1e-9)])
     assert result.stopped == "seconds" and result.history.steps == 1
 
 
@@ -262,20 +266,29 @@ def test_where_says_what_there_was(make_quadratic, where, message):
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("make", "message"),
     [
-        ({"steps": 0}, "steps must be a whole number, at least 1; got 0"),
-        ({"patience": 0}, "patience"),
-        ({"checkpoint_every": 0}, "checkpoint_every"),
-        ({"check_every": 0}, "check_every"),
-        ({"max_refusals": -1}, "max_refusals"),
-        ({"tolerance": -1.0}, "tolerance"),
-        ({"max_seconds": 0.0}, "max_seconds"),
+        (lambda: Stop(patience=0), "patience must be a whole number, at least 1; got 0"),
+        (lambda: Stop(tolerance=-1.0), "tolerance must not be negative"),
+        (lambda: Stop(seconds=0.0), "seconds must be positive"),
+        (lambda: Checkpoint("run", every=0), "every must be a whole number"),
+        (lambda: WarmStart(check_every=0), "check_every must be a whole number"),
+        (lambda: Refuse(most=-1), "most must be a whole number, at least 0"),
+        (lambda: Refuse(rise=-0.1), "rise must not be negative"),
     ],
 )
-def test_options_out_of_range(make_quadratic, angle, options, message):
+def test_choices_out_of_range(make, message):
     with pytest.raises(ValueError, match=message):
-        fit(make_quadratic(), optax.sgd(0.1), where=angle, **({"steps": 3} | options))
+        make()
+
+
+def test_what_cannot_be_fitted(make_quadratic, angle):
+    with pytest.raises(ValueError, match="steps must be a whole number, at least 1; got 0"):
+        fit(make_quadratic(), optax.sgd(0.1), where=angle, steps=0)
+
+
+def test_a_fit_has_ten_arguments_at_most():
+    assert len(inspect.signature(fit).parameters) <= 10
 
 
 def test_no_actuation_to_train(make_quadratic):

@@ -15,8 +15,11 @@ import optimistix as optx
 import pytest
 
 import shellkit as sk
+from shellkit._fit.checkpoint import Checkpoint
+from shellkit._fit.choices import Refuse
 from shellkit._fit.fit import fit
 from shellkit._fit.many import fit_many
+from shellkit._fit.observers import Stop
 
 
 # Where other processes find it, too.
@@ -101,13 +104,14 @@ def test_together_starts_are_made_and_those_that_cannot_be_fail():
     ("problems", "options", "message"),
     [
         ([2], {"together": "map", "folder": "starts"}, "neither an executor nor a folder"),
-        ([2], {"together": "map", "patience": 3}, "no option 'patience'"),
-        ([2], {"together": "map", "optimiser": optx.Dogleg(1e-3, 1e-3)}, "optax's optimisers alone; got Dogleg"),
+        ([2], {"together": "map", "callbacks": [Stop(patience=3)]}, "no option 'callbacks'"),
+        ([2], {"together": "map", "refuse": Refuse(rise=1.0)}, "no Refuse"),
+        ([2], {"together": "map", "method": optx.Dogleg(1e-3, 1e-3)}, "optax's optimisers alone.*got Dogleg"),
         ([0, 1], {"together": "map", "make": lambda n: Well(jnp.zeros(n + 1))}, "must be of one kind"),
     ],
 )
 def test_together_what_does_not_fit(problems, options, message):
-    options = {"optimiser": SGD, "make": well, "where": trained, "steps": 2} | options
+    options = {"method": SGD, "make": well, "where": trained, "steps": 2} | options
     with pytest.raises(ValueError, match=message):
         fit_many(problems, **options)
 
@@ -149,7 +153,8 @@ def test_taken_up_where_they_stood(tmp_path):
 
 
 def test_ended_fits_are_not_taken_up(tmp_path):
-    options = {"make": well, "where": trained, "folder": tmp_path, "patience": 3, "tolerance": 0.5}
+    stop = Stop(patience=3, tolerance=0.5)
+    options = {"make": well, "where": trained, "folder": Checkpoint(tmp_path, every=2), "callbacks": [stop]}
     first = fit_many(KEYS[:1], SGD, steps=50, **options).results[0]
     again = fit_many(KEYS[:1], SGD, steps=50, **options).results[0]
     assert first.stopped == again.stopped == "plateau" and first.history.steps == again.history.steps
@@ -189,7 +194,7 @@ def test_processes(monkeypatch, tmp_path):
         # The first is made here as well, to see what there is to be trained.
         many = fit_many([2, 3, 4], make, steps=4, make=well, where=trained, executor=pool, folder=tmp_path)
         sent = fit_many([well(2)], make, steps=4, where=trained, executor=pool)
-        with pytest.raises(ValueError, match=r"optimiser cannot be sent.*functools\.partial"):
+        with pytest.raises(ValueError, match=r"method cannot be sent.*functools\.partial"):
             fit_many([2], SGD, steps=4, make=well, where=trained, executor=pool)
     exact = fit_many([2, 4], SGD, steps=4, make=well, where=trained)
     np.testing.assert_allclose(many.losses[[0, 2]], exact.losses, rtol=1e-12)
@@ -206,3 +211,12 @@ def test_processes(monkeypatch, tmp_path):
 def test_options_that_do_not_fit(problems, options, message):
     with pytest.raises(ValueError, match=message):
         fit_many(problems, optx.LevenbergMarquardt(1e-3, 1e-3), steps=2, where=trained, **options)
+
+
+def test_from_workers_all_of_the_actuation_is_trained_as_well():
+    """Without `where`, results that were sent back are those found here."""
+    many = fit_many([2, 4], SGD, steps=4, make=well, executor=ThreadPoolExecutor(1))
+    exact = fit_many([2, 4], SGD, steps=4, make=well)
+    for found, here in zip(many.results, exact.results, strict=True):
+        np.testing.assert_array_equal(found.problem.actuation, here.problem.actuation)
+        np.testing.assert_array_equal(found.history["loss"], here.history["loss"])

@@ -11,7 +11,9 @@ import numpy as np
 import optax
 import pytest
 
+from shellkit._fit.choices import WarmStart
 from shellkit._fit.fit import fit
+from shellkit._fit.observers import JsonLines, TensorBoard
 
 
 def test_quiet_where_there_is_no_terminal(make_quadratic, angle, capfd):
@@ -43,13 +45,20 @@ def test_log_of_each_step(make_quadratic, angle, tmp_path):
     log = tmp_path / "deep" / "log.jsonl"
     with pytest.warns(UserWarning, match="refused"):
         problem = make_quadratic(1, limit=jnp.asarray(0.5))
-        result = fit(problem, optax.sgd(0.4), steps=6, where=angle, log=log, warm_start="last", check_every=2)
+        result = fit(
+            problem,
+            optax.sgd(0.4),
+            steps=6,
+            where=angle,
+            callbacks=[JsonLines(log)],
+            warm_start=WarmStart(check_every=2),
+        )
     rows = [json.loads(line) for line in log.read_text().splitlines()]
     assert [row.pop("step") for row in rows] == list(range(6))
     for name in result.history:
         logged = [math.nan if row[name] is None else row[name] for row in rows]
         np.testing.assert_array_equal(logged, result.history[name])
-    fit(problem, optax.sgd(0.1), steps=2, where=angle, log=log)
+    fit(problem, optax.sgd(0.1), steps=2, where=angle, callbacks=[JsonLines(log)])
     assert len(log.read_text().splitlines()) == 8
 
 
@@ -67,12 +76,12 @@ def test_tensorboard(make_quadratic, angle, monkeypatch):
             written.append("closed")
 
     monkeypatch.setitem(sys.modules, "tensorboardX", types.SimpleNamespace(SummaryWriter=SummaryWriter))
-    result = fit(make_quadratic(), optax.sgd(0.1), steps=3, where=angle, tensorboard="runs")
+    result = fit(make_quadratic(), optax.sgd(0.1), steps=3, where=angle, callbacks=[TensorBoard("runs")])
     assert written[0] == "runs" and written[-1] == "closed"
     assert [value for name, value, _ in written[1:-1] if name == "loss"] == list(result.history["loss"])
 
 
-def test_tensorboard_absent(make_quadratic, angle, monkeypatch):
+def test_tensorboard_absent(monkeypatch):
     monkeypatch.setitem(sys.modules, "tensorboardX", None)
     with pytest.raises(ImportError, match=r"pip install 'shellkit-jax\[tensorboard\]'"):
-        fit(make_quadratic(), optax.sgd(0.1), steps=3, where=angle, tensorboard="runs")
+        TensorBoard("runs")

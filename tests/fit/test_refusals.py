@@ -7,6 +7,7 @@ import numpy as np
 import optax
 import pytest
 
+from shellkit._fit.choices import Refuse
 from shellkit._fit.fit import fit
 
 
@@ -42,7 +43,7 @@ def test_the_optimiser_never_sees_a_nan(make_quadratic, angle):
 def test_too_many_refusals_stop_the_fit_and_keep_the_best(make_quadratic, angle):
     problem = make_quadratic(1, limit=jnp.asarray(0.0))
     with pytest.warns(UserWarning) as caught:
-        result = fit(problem, optax.sgd(0.1), steps=50, where=angle, max_refusals=3)
+        result = fit(problem, optax.sgd(0.1), steps=50, where=angle, refuse=Refuse(most=3))
     assert [str(w.message).split(";")[0] for w in caught][1].endswith("as 4 designs in a row were refused")
     assert result.stopped == "refused" and result.history.steps == 1
     np.testing.assert_array_equal(result.problem.actuation.angle, problem.actuation.angle)
@@ -51,7 +52,7 @@ def test_too_many_refusals_stop_the_fit_and_keep_the_best(make_quadratic, angle)
 
 def test_unconverged_designs_can_be_accepted(make_quadratic, angle):
     problem = make_quadratic(1, limit=jnp.asarray(0.3))
-    result = fit(problem, optax.sgd(0.4), steps=20, where=angle, unconverged="accept")
+    result = fit(problem, optax.sgd(0.4), steps=20, where=angle, refuse=Refuse(unconverged=False))
     np.testing.assert_allclose(result.problem.actuation.angle, 1 / 1.01)
     assert not result.history["converged"][1:].any() and (result.history["refused"] == 0).all()
 

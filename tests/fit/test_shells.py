@@ -76,10 +76,8 @@ def test_resumes(problem, straight, tmp_path):
 
 def test_warm_starts_save_steps_and_change_nothing(problem):
     # Plain descent: ADAM divides by gradients that are zero by symmetry, and so amplifies rounding.
-    run = lambda warm_start: (
-        sk.fit(problem, optax.sgd(20.0), steps=8, where=angles, warm_start=warm_start, check_every=3).history
-    )
-    rest, last, predicted = run("rest"), run("last"), run("predicted")
+    run = lambda warm: sk.fit(problem, optax.sgd(20.0), steps=8, where=angles, warm_start=warm).history
+    rest, last, predicted = run(None), *(run(sk.WarmStart(guess, check_every=3)) for guess in ("last", "predicted"))
     for warm in last, predicted:
         np.testing.assert_allclose(warm["loss"], rest["loss"], rtol=1e-9)
         np.testing.assert_allclose(warm["warm_gap"][[3, 6]], 0, atol=1e-12)

@@ -1,7 +1,9 @@
 """Second-order training against problems solved on paper, and the Jacobian of a real shell against finite
 differences."""
 
+import shutil
 import warnings
+from pathlib import Path
 
 import equinox as eqx
 import jax
@@ -13,11 +15,13 @@ import pytest
 from jax.flatten_util import ravel_pytree
 
 import shellkit as sk
+from shellkit._fit.choices import Refuse
 from shellkit._fit.design import split
 from shellkit._fit.fit import fit
-from shellkit._fit.methods.damping import Damped, Dogleg, Undamped
+from shellkit._fit.methods.from_optimistix import from_optimistix
 from shellkit._fit.methods.gauss_newton import Model, Plan, dense_model, krylov_model
 from shellkit._fit.methods.least_squares import jacobian
+from shellkit._fit.methods.rules import DoglegRadius, NielsenDamping, StepHalving
 
 
 LEVENBERG = optx.LevenbergMarquardt(rtol=1e-9, atol=1e-9)
@@ -75,6 +79,7 @@ class _Relaxed(eqx.Module):
     result: str = eqx.field(static=True, default="stand-in")
 
 
+KEPT = Path(__file__).parent / "kept" / "levenberg"
 X = np.linspace(0.0, 1.0, 9)
 trained = lambda p: p.actuation
 
@@ -126,8 +131,8 @@ def test_a_rise_that_is_allowed_leads_over_an_edge(make):
     # At the edge the loss is 16 exp(-2.9); the first step beyond it, at a = 2, doubles that of the step before.
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "fit: stopped", UserWarning)
-        assert run().best_loss >= 16 * np.exp(-2.9) and run(max_rise=0.5).best_loss >= 16 * np.exp(-2.9)
-    assert run(max_rise=2.0).best_loss < 1e-6
+        assert run().best_loss >= 16 * np.exp(-2.9) and run(refuse=Refuse(rise=0.5)).best_loss >= 16 * np.exp(-2.9)
+    assert run(refuse=Refuse(rise=2.0)).best_loss < 1e-6
 
 
 def test_failed_relaxations_are_refused_with_more_damping():
@@ -157,6 +162,77 @@ def test_resumes_exactly(tmp_path):
         np.testing.assert_array_equal(resumed.history[column], straight.history[column])
     with pytest.raises(ValueError, match="another fit"):
         fit(problem, optx.Dogleg(1e-9, 1e-9, linear_solver=KRYLOV), steps=9, where=trained, checkpoint=tmp_path / "run")
+
+
+def test_a_checkpoint_of_the_last_release_is_resumed(tmp_path):
+    """Written after four steps, before methods were public."""
+    problem = curve(noise=0.1, start=(-3.0, 3.0))
+    shutil.copy(KEPT, tmp_path / "run")
+    resumed = fit(problem, LEVENBERG, steps=9, where=trained, checkpoint=tmp_path / "run")
+    straight = fit(problem, LEVENBERG, steps=9, where=trained)
+    assert resumed.history["seconds"][3] == sk.load_checkpoint(KEPT, problem).history["seconds"][3]
+    for column in ("loss", "control", "refused", "products"):
+        np.testing.assert_allclose(resumed.history[column], straight.history[column], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("theirs", "ours"),
+    [
+        (optx.LevenbergMarquardt(1e-9, 1e-9), sk.LevenbergMarquardt(1e-9, 1e-9)),
+        (optx.GaussNewton(1e-9, 1e-8, norm=optx.rms_norm), sk.GaussNewton(1e-9, 1e-8, norm=optx.rms_norm)),
+        (
+            optx.LevenbergMarquardt(1e-9, 1e-9, linear_solver=KRYLOV),
+            sk.LevenbergMarquardt(1e-9, 1e-9, jacobian="krylov", products=40, accuracy=1e-10),
+        ),
+        (optx.Dogleg(1e-9, 1e-9, linear_solver=lx.SVD()), sk.Dogleg(1e-9, 1e-9, jacobian="dense")),
+    ],
+    ids=["levenberg", "gauss", "krylov", "dogleg"],
+)
+def test_solvers_of_optimistix_stand_for_ours(theirs, ours):
+    assert from_optimistix(theirs, stacklevel=1) == ours
+    problem = curve(noise=0.1, start=(-3.0, 3.0))
+    one, other = (fit(problem, method, steps=6, where=trained) for method in (theirs, ours))
+    for column in ("loss", "control", "refused", "products"):
+        np.testing.assert_array_equal(one.history[column], other.history[column])
+
+
+@pytest.mark.parametrize(
+    ("solver", "named"),
+    [
+        (optx.LevenbergMarquardt(1e-9, 1e-9, verbose=True), "LevenbergMarquardt .* not used: verbose"),
+        (eqx.tree_at(lambda s: s.search, LEVENBERG, optx.LearningRate(0.5)), "not used: search"),
+        (optx.Dogleg(1e-9, 1e-9, linear_solver=lx.Normal(lx.CG(1e-3, 1e-6))), "Dogleg .* not used: linear_solver.atol"),
+        (optx.GaussNewton(1e-9, 1e-9, linear_solver=lx.GMRES(1e-3, 1e-6)), r"not used: linear_solver \(GMRES\)"),
+    ],
+    ids=["verbose", "search", "tolerance", "linear solver"],
+)
+def test_what_is_ignored_of_them_is_named(solver, named):
+    with pytest.warns(UserWarning, match=named):
+        fit(curve(), solver, steps=1, where=trained)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: sk.LevenbergMarquardt(rtol=-1.0), "rtol and atol must not be negative"),
+        (lambda: sk.GaussNewton(products=0), "GaussNewton: products must be a whole number, at least 1; got 0"),
+        (lambda: sk.Dogleg(accuracy=-1.0), "accuracy must not be negative"),
+        (lambda: sk.NielsenDamping(first=0.0), "first must be positive"),
+        (lambda: sk.NielsenDamping(decay=1.5), r"decay must be in \(0, 1\]"),
+    ],
+)
+def test_numbers_out_of_range(make, message):
+    with pytest.raises(ValueError, match=message):
+        make()
+
+
+def test_the_damping_is_a_part():
+    """Its first value is a number times the largest eigenvalue of JᵀJ, and follows the gain from there."""
+    jacobian = np.stack([X * 1.0, np.ones_like(X)], axis=1)  # of b exp(a x) at a = 0, b = 1
+    largest = np.linalg.eigvalsh(jacobian.T @ jacobian).max()
+    for damping in (sk.NielsenDamping(), sk.NielsenDamping(first=10.0)):
+        history = fit(curve(), sk.LevenbergMarquardt(damping=damping), steps=2, where=trained).history
+        assert history["control"][1] == pytest.approx(damping.first * largest, rel=1e-9)
 
 
 def test_residuals_that_do_not_belong_to_the_loss():
@@ -189,19 +265,19 @@ def a_model(m, n, krylov, tolerance=0.0, products=200, damping=0.0):
 def test_steps_of_the_model_are_those_of_the_whole_jacobian(krylov, m, n):
     jacobian, residuals, model = a_model(m, n, krylov)
     for damping in (1e-3, 1.0, 100.0):
-        coefficients = Damped().step(model, damping)
+        coefficients = NielsenDamping().step(model, damping)
         step = coefficients @ np.asarray(model.directions)
         exact = np.linalg.solve(jacobian.T @ jacobian + damping * np.eye(n), -jacobian.T @ residuals)
         np.testing.assert_allclose(step, exact, rtol=1e-8, atol=1e-10)
         promised = residuals @ residuals - np.sum((residuals + jacobian @ exact) ** 2)
         assert model.reduction(coefficients) == pytest.approx(promised, rel=1e-8)
-    newton = Undamped().step(model, 1.0) @ np.asarray(model.directions)
+    newton = StepHalving().step(model, 1.0) @ np.asarray(model.directions)
     np.testing.assert_allclose(newton, -np.linalg.pinv(jacobian) @ residuals, rtol=1e-8, atol=1e-10)
 
 
 def test_a_space_cut_short_is_accurate_for_its_damping():
     jacobian, residuals, model = a_model(60, 50, True, tolerance=1e-3, damping=30.0)
-    step = Damped().step(model, 30.0) @ np.asarray(model.directions)
+    step = NielsenDamping().step(model, 30.0) @ np.asarray(model.directions)
     left = jacobian.T @ (jacobian @ step + residuals) + 30.0 * step
     assert int(model.products) < 40
     assert np.linalg.norm(left) <= 1.001e-3 * np.linalg.norm(jacobian.T @ residuals)
@@ -209,7 +285,7 @@ def test_a_space_cut_short_is_accurate_for_its_damping():
 
 def test_the_dogleg_has_the_length_it_is_given():
     model = Model(jnp.eye(3), jnp.array([3.0, 1.0, 0.1]), jnp.array([1.0, 1.0, 1.0]), jnp.asarray(3, jnp.int32))
-    newton, rule = np.array([1 / 3, 1.0, 10.0]), Dogleg()
+    newton, rule = np.array([1 / 3, 1.0, 10.0]), DoglegRadius()
     for length in (1e-3, 0.3, 1.0, 5.0):
         assert np.linalg.norm(rule.step(model, length)) == pytest.approx(length)
     np.testing.assert_allclose(rule.step(model, 11.0), newton)

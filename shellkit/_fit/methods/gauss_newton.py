@@ -24,6 +24,21 @@ class Plan(NamedTuple):
     tolerance: float
 
 
+class Products(NamedTuple):
+    """How a method wants the Jacobian to be looked at: `"dense"`, `"krylov"`, or `"auto"`, in full where the directions
+    of both ways would be about as many."""
+
+    kind: str
+    most: int
+    tolerance: float
+
+    def plan(self, m: int, n: int) -> Plan:
+        """The way to look at a Jacobian of m rows and n columns."""
+        if self.kind == "dense" or (self.kind == "auto" and min(m, n) <= 2 * self.most):
+            return Plan(True, min(m, n), 0.0)
+        return Plan(False, self.most, self.tolerance)
+
+
 class Model(eqx.Module):
     r"""The sum of squares $|r + J p|^2$ on the space spanned by some orthonormal directions $w_i$.
 

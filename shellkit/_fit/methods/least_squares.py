@@ -1,36 +1,28 @@
-"""Second-order training: the least-squares solvers of optimistix as a method of the training loop. A step relaxes once
-for each damping that is tried, and looks at the Jacobian once, whatever is refused."""
+"""Second-order training of a loss that is a sum of squares. A step relaxes once for each damping that is tried, and
+looks at the Jacobian once, whatever is refused."""
 
+import abc
 from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import Any, ClassVar, Literal, Protocol, runtime_checkable
 
 import equinox as eqx
 import jax
 import jax.flatten_util
 import jax.numpy as jnp
-import lineax as lx
 import numpy as np
 import optimistix as optx
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float, Int, PyTree, Scalar
 
 from ..design import Design
-from ..history import Scalar
-from ..step import Evaluation, assess, move, relaxes_by_itself, strong
-from .base import Course, Method
-from .damping import Damped, Dogleg, Rule, Undamped
-from .gauss_newton import Model, Plan, dense_model, krylov_model
+from ..step import Evaluation, assess, relaxes_by_itself, strong
+from .base import Accepted, Course, Method, Objective
+from .gauss_newton import Model, Products, dense_model, krylov_model
+from .rules import DoglegRadius, NielsenDamping, Rule, StepHalving
 
 
-_PRODUCTS, _TOLERANCE = 100, 1e-2  # of the search space, unless the solver says otherwise
 _SUFFICIENT = 1e-4  # part of the promised decrease that is asked of a step
 _ROUNDING = 1e-12  # relative decrease below which losses are as good as equal
 _MISMATCH = 1e-4  # relative difference of the loss and the sum of squares at the start
-
-_RULES: dict[type, type[Rule]] = {
-    optx.GaussNewton: Undamped,
-    optx.LevenbergMarquardt: Damped,
-    optx.Dogleg: Dogleg,
-}
 
 
 @runtime_checkable
@@ -45,7 +37,7 @@ class SquaresTrainable(Protocol):
 
 class Standing(eqx.Module):
     """The state between two steps: the model at the last accepted design, its loss, the rule's control, and how many
-    refusals in a row there have been."""
+    refusals in a row there have been. Its fields are those of checkpoints."""
 
     model: Model
     loss: Float[Array, ""]
@@ -53,146 +45,229 @@ class Standing(eqx.Module):
     streak: Int[Array, ""]
 
 
-class Details(NamedTuple):
-    """What was found at an accepted design besides its loss and gradient."""
+class LeastSquares(Method):
+    """A method for sums of squares: its tolerances and their norm, how it looks at the Jacobian, and by what rule it
+    goes how far."""
 
-    model: Model
-    loss: float
+    rtol: eqx.AbstractVar[float]
+    atol: eqx.AbstractVar[float]
+    norm: eqx.AbstractVar[Callable[[PyTree], Scalar]]
+    jacobian: eqx.AbstractVar[str]
+    products: eqx.AbstractVar[int]
+    accuracy: eqx.AbstractVar[float]
+    needs_gradient: ClassVar[bool] = False
 
+    def __check_init__(self):
+        name = type(self).__name__
+        if not (self.rtol >= 0 and self.atol >= 0):
+            raise ValueError(f"{name}: rtol and atol must not be negative; got {self.rtol} and {self.atol}.")
+        if self.jacobian not in ("auto", "dense", "krylov"):
+            raise ValueError(f"{name}: jacobian must be 'auto', 'dense' or 'krylov'; got {self.jacobian!r}.")
+        if self.products != int(self.products) or self.products < 1:
+            raise ValueError(f"{name}: products must be a whole number, at least 1; got {self.products}.")
+        if not self.accuracy >= 0:
+            raise ValueError(f"{name}: accuracy must not be negative; got {self.accuracy}.")
 
-class SquaresMethod(Method):
-    """A least-squares solver of optimistix: which one, its tolerances and norm, and how it looks at the Jacobian; and
-    by what fraction the loss may rise in a step, `None` if it must fall."""
+    @property
+    @abc.abstractmethod
+    def rule(self) -> Rule:
+        """How far to go in the model."""
 
-    def __init__(self, solver: optx.AbstractLeastSquaresSolver, max_rise: float | None):
-        kind = next((known for known in _RULES if isinstance(solver, known)), None)
-        if kind is None or not isinstance(solver, optx.AbstractGaussNewton):
-            names = ", ".join(f"optimistix.{known.__name__}" for known in _RULES)
+    def init(self, objective: Objective, variables: dict[str, Array]) -> Standing:
+        """The state before the first step: a model that proposes to stay."""
+        problem = objective.problem(variables)
+        if not isinstance(problem, SquaresTrainable):
             raise ValueError(
-                f"fit trains with the least-squares solvers {names}; got {type(solver).__name__}. Use one of them, or "
-                "an optax optimiser."
+                f"{type(self).__name__} needs the residuals of the loss: give {type(problem).__name__} a method "
+                "residuals(equilibrium), or train it with an optax optimiser."
             )
-        self._kind = kind.__name__
-        self._max_rise = max_rise
-        self._rule = _RULES[kind]()
-        self._rtol, self._atol, self._norm = float(solver.rtol), float(solver.atol), solver.norm
-        self._linear_solver = _linear_solver(solver)
-        self._default = type(self._linear_solver) is type(_linear_solver(kind(rtol=1e-3, atol=1e-3)))
+        flat, _ = jax.flatten_util.ravel_pytree(variables)
+        m = _count_residuals(objective.design, variables)
+        model = Model.empty(self._products.plan(m, flat.size), m, flat.size, flat.dtype)
+        return Standing(model, jnp.asarray(np.inf), jnp.asarray(np.nan), jnp.zeros((), jnp.int32))
 
-    def begin(self, design: Design, values: dict[str, Array]) -> Course:
-        free = strong(design.free(values))
-        flat, _ = jax.flatten_util.ravel_pytree(free)
-        m = _count_residuals(design, free)
-        self._plan = self._planned(m, flat.size)
-        standing = Standing(
-            Model.empty(self._plan, m, flat.size, flat.dtype),
-            jnp.asarray(np.inf),
-            jnp.asarray(np.nan),
-            jnp.zeros((), jnp.int32),
-        )
-        return Course(free, jax.tree.map(jnp.zeros_like, free), 1.0, standing)
-
-    def propose(self, course: Course) -> dict[str, Array]:
-        return move(course.anchor, course.update, jnp.ones(()))
-
-    def evaluate(self, design: Design, free: dict[str, Array], start: Any) -> Evaluation:
-        return assess(design, free, start)
-
-    def complete(self, design: Design, found: Evaluation, course: Course) -> tuple[Evaluation, Details]:
-        state = self._rated(course, float(found.loss))
+    def accept(self, objective: Objective, found: Evaluation, course: Course) -> Accepted | None:
+        """A design that lowers the loss by enough, with its gradient and its model."""
+        loss = float(found.loss)
+        if self._declines(course.state, loss, objective.rise):
+            return None
+        state = self._rated(course.state, loss)
         # Before the first step the damping is not known: the space is then made for a small one.
-        damping = self._rule.damping(float(state.control)) if np.isfinite(state.control) else 0.0
+        damping = self.rule.damping(float(state.control)) if np.isfinite(state.control) else 0.0
         squares, gradient, norm, model = linearise(
-            design, found.free, found.equilibrium, jnp.asarray(damping), self._plan
+            objective.design, found.free, found.equilibrium, jnp.asarray(damping), self._products
         )
-        loss, squares = float(found.loss), float(squares)
+        squares = float(squares)
         if not np.isfinite(state.loss) and abs(loss - squares) > _MISMATCH * max(abs(loss), abs(squares)):
             raise ValueError(
                 f"the squares of the residuals sum to {squares:.9g}, but the loss is {loss:.9g}: residuals() and the "
                 "loss of the problem must agree."
             )
-        return eqx.tree_at(
+        found = eqx.tree_at(
             lambda e: (e.gradient, e.gradient_norm), found, (gradient, norm), is_leaf=lambda x: x is None
-        ), Details(model, loss)
+        )
+        state = eqx.tree_at(lambda s: (s.model, s.loss), state, (model, jnp.asarray(np.float64(loss))))
+        return Accepted(found, state, {"control": float(course.state.control), "products": int(model.products)})
 
-    def declines(self, course: Course, loss: float) -> bool:
-        before = float(course.state.loss)
-        if not np.isfinite(before):
-            return False
-        if self._max_rise is not None:
-            return not loss <= before + self._max_rise * before
-        promised = self._promised(course)
-        # Where the loss has no digits left to fall by, a step that is small enough is let through once it is level.
-        noise = _ROUNDING * abs(before)
-        return not before - loss >= min(_SUFFICIENT * promised, promised - noise)
-
-    def refused(self, course: Course) -> Course:
-        state = course.state
-        length = float(np.linalg.norm(self._coefficients(state)))
-        control = self._rule.refused(float(state.control), length, int(state.streak) + 1)
-        return self._towards(course, _with(state, control=control, streak=int(state.streak) + 1))
-
-    def advance(self, design: Design, found: Evaluation, more: Details, course: Course, start: Any) -> Course:
-        state = self._rated(course, more.loss)
+    def update(self, objective: Objective, found: Evaluation, state: Standing) -> tuple[dict[str, Array], Standing]:
+        """The step that the rule takes in the model."""
         control = float(state.control)
-        control = control if np.isfinite(control) else self._rule.begin(more.model)
-        state = eqx.tree_at(lambda s: (s.model, s.loss), state, (more.model, jnp.asarray(np.float64(more.loss))))
-        return self._towards(course._replace(anchor=found.free), _with(state, control=control, streak=0))
+        control = control if np.isfinite(control) else self.rule.begin(state.model)
+        state = _with(state, control=control, streak=0)
+        return self._step(state, found.free), state
+
+    def refuse(self, course: Course) -> Course:
+        """A shorter step in the same model."""
+        state = course.state
+        length, streak = float(np.linalg.norm(self._coefficients(state))), int(state.streak) + 1
+        state = _with(state, control=self.rule.refused(float(state.control), length, streak), streak=streak)
+        return course._replace(update=self._step(state, course.anchor), state=state)
 
     def arrived(self, course: Course) -> bool:
+        """Whether the step and what the model hopes to gain by it are below the tolerances."""
         state = course.state
         if not np.isfinite(state.loss):
             return False
         y, step = (jax.flatten_util.ravel_pytree(tree)[0] for tree in (course.anchor, course.update))
         residual = np.linalg.norm(np.asarray(state.model.singular) * self._coefficients(state))
-        near = self._norm(jnp.abs(step) / (self._atol + self._rtol * jnp.abs(y))) < 1
-        return bool(near) and bool(residual < self._atol + self._rtol * np.sqrt(float(state.loss)))
+        near = self.norm(jnp.abs(step) / (self.atol + self.rtol * jnp.abs(y))) < 1
+        return bool(near) and bool(residual < self.atol + self.rtol * np.sqrt(float(state.loss)))
 
-    def columns(self, course: Course, more: Details) -> dict[str, Scalar]:
-        return {"control": float(course.state.control), "products": int(more.model.products)}
+    def _declines(self, state: Standing, loss: float, rise: float | None) -> bool:
+        before = float(state.loss)
+        if not np.isfinite(before):
+            return False
+        if rise is not None:
+            return not loss <= before + rise * before
+        promised = self._promised(state)
+        # Where the loss has no digits left to fall by, a step that is small enough is let through once it is level.
+        noise = _ROUNDING * abs(before)
+        return not before - loss >= min(_SUFFICIENT * promised, promised - noise)
 
-    def choices(self) -> dict[str, str]:
-        return {"solver": self._kind}
-
-    def _rated(self, course: Course, loss: float) -> Standing:
-        """The state with its control after the step of this course was accepted with this loss."""
-        state = course.state
+    def _rated(self, state: Standing, loss: float) -> Standing:
+        """The state with its control after its step was accepted with this loss."""
         if not np.isfinite(state.loss):
             return state
-        promised = self._promised(course)
+        promised = self._promised(state)
         gain = (float(state.loss) - loss) / promised if promised > 0 else 0.0
         length = float(np.linalg.norm(self._coefficients(state)))
-        return _with(state, control=self._rule.accepted(float(state.control), length, gain), streak=0)
+        return _with(state, control=self.rule.accepted(float(state.control), length, gain), streak=0)
 
-    def _promised(self, course: Course) -> float:
-        return course.state.model.reduction(self._coefficients(course.state))
+    def _promised(self, state: Standing) -> float:
+        return state.model.reduction(self._coefficients(state))
 
     def _coefficients(self, state: Standing) -> np.ndarray:
-        return self._rule.step(state.model, float(state.control))
+        return self.rule.step(state.model, float(state.control))
 
-    def _towards(self, course: Course, state: Standing) -> Course:
-        """The course along the step that this state asks for."""
-        update = combine(state.model, jnp.asarray(self._coefficients(state)), course.anchor)
-        return course._replace(update=update, state=state)
+    def _step(self, state: Standing, like: dict[str, Array]) -> dict[str, Array]:
+        return combine(state.model, jnp.asarray(self._coefficients(state)), like)
 
-    def _planned(self, m: int, n: int) -> Plan:
-        """How to look at a Jacobian of m rows and n columns: in full where that takes no more products."""
-        inner = self._linear_solver
-        inner = inner.inner_solver if isinstance(inner, lx.Normal) else inner
-        if isinstance(inner, lx.CG | lx.LSMR):
-            limit = inner.max_steps if isinstance(inner.max_steps, int) else _PRODUCTS
-            return Plan(False, limit, float(inner.rtol))
-        if self._default:
-            return Plan(min(m, n) <= 2 * _PRODUCTS, _PRODUCTS, _TOLERANCE)
-        return Plan(True, min(m, n), 0.0)
+    @property
+    def _products(self) -> Products:
+        return Products(self.jacobian, self.products, self.accuracy)
+
+
+class LevenbergMarquardt(LeastSquares):
+    r"""Levenberg and Marquardt's method, for a loss that is a sum of squares: the first choice for second-order
+    training.
+
+    With residuals $r$ and their Jacobian $J$ in all that is trained, through the equilibrium, a step $p$ solves
+    $(J^T J + \mu I)\,p = -J^T r$ and is taken if it lowers the loss. A trial design that is not accepted costs its
+    relaxation and nothing more: the Jacobian was looked at once, at the last accepted design, in a way that gives the
+    step for every damping.
+
+    **Arguments:**
+
+    - `rtol`, `atol`: the fit stops as `"converged"` when the next step $p$ of the trained $y$ has
+        $|p| / (\text{atol} + \text{rtol}\,|y|) < 1$ in the norm, and likewise what it changes in the residuals.
+    - `norm`: from a vector to a number; `optimistix.max_norm`, `rms_norm` or `two_norm`.
+    - `jacobian`: `"dense"`: all of $J$, by as many sweeps with the factor of the Hessian as it has rows or columns;
+        `"krylov"`: only its products, on the Krylov space of $J^T J$ and the gradient; `"auto"`: dense where $J$ has
+        at most twice `products` rows or columns.
+    - `products`: the largest number of pairs of products with $J$ and $J^T$ for a Krylov space.
+    - `accuracy`: the space is made until the damped step leaves this part of the gradient.
+    - `damping`: how $\mu$ begins and changes, a [`shellkit.NielsenDamping`][].
+
+    **Raises:** `ValueError` for numbers out of range; by `fit`, for a loss that gives no residuals.
+
+    When not to use it: where the loss cannot nearly vanish it converges as a good descent does, and it goes downhill
+    only: [how to train to second order](../how-to/second-order.md).
+
+    ??? cite "Sources"
+        D. W. Marquardt, *An algorithm for least-squares estimation of nonlinear parameters*, J. SIAM 11 (1963)
+        431–441; J. Nocedal, S. Wright, *Numerical Optimization*, 2nd edition (2006), section 10.3.
+    """
+
+    rtol: float = 1e-6
+    atol: float = 1e-9
+    norm: Callable[[PyTree], Scalar] = optx.max_norm
+    jacobian: Literal["auto", "dense", "krylov"] = "auto"
+    products: int = 100
+    accuracy: float = 1e-2
+    damping: NielsenDamping = NielsenDamping()
+
+    @property
+    def rule(self) -> NielsenDamping:
+        return self.damping
+
+
+class GaussNewton(LeastSquares):
+    """Gauss and Newton's method: the undamped step, halved where it is refused. For residuals that fix all that is
+    trained, such as a few parameters of a measured shape.
+
+    **Arguments:**
+
+    - `rtol`, `atol`, `norm`, `jacobian`, `products`, `accuracy`: as of [`shellkit.LevenbergMarquardt`][].
+
+    **Raises:** `ValueError` for numbers out of range; by `fit`, for a loss that gives no residuals.
+
+    When not to use it: where some combination of what is trained hardly changes the residuals, the undamped step is
+    long and wild there. Take Levenberg and Marquardt's method.
+    """
+
+    rtol: float = 1e-6
+    atol: float = 1e-9
+    norm: Callable[[PyTree], Scalar] = optx.max_norm
+    jacobian: Literal["auto", "dense", "krylov"] = "auto"
+    products: int = 100
+    accuracy: float = 1e-2
+
+    @property
+    def rule(self) -> StepHalving:
+        return StepHalving()
+
+
+class Dogleg(LeastSquares):
+    """Powell's dogleg: from steepest descent towards the Gauss–Newton step, within a radius that follows the gain.
+
+    **Arguments:**
+
+    - `rtol`, `atol`, `norm`, `jacobian`, `products`, `accuracy`: as of [`shellkit.LevenbergMarquardt`][].
+
+    **Raises:** `ValueError` for numbers out of range; by `fit`, for a loss that gives no residuals.
+
+    When not to use it: Levenberg and Marquardt's steps are as cheap here and bend towards descent more smoothly.
+    """
+
+    rtol: float = 1e-6
+    atol: float = 1e-9
+    norm: Callable[[PyTree], Scalar] = optx.max_norm
+    jacobian: Literal["auto", "dense", "krylov"] = "auto"
+    products: int = 100
+    accuracy: float = 1e-2
+
+    @property
+    def rule(self) -> DoglegRadius:
+        return DoglegRadius()
 
 
 @eqx.filter_jit
 def linearise(
-    design: Design, free: dict[str, Array], equilibrium: Any, damping: Float[Array, ""], plan: Plan
+    design: Design, free: dict[str, Array], equilibrium: Any, damping: Float[Array, ""], products: Products
 ) -> tuple[Float[Array, ""], dict[str, Array], Float[Array, ""], Model]:
     """The sum of squares at a design and its equilibrium, its gradient and the norm of that, and its local model."""
     residuals, push, pull, flat, unravel = jacobian(design, free, equilibrium)
+    plan = products.plan(residuals.size, flat.size)
     if plan.dense:
         slope, model = dense_model(push, pull, residuals, flat.size)
     else:
@@ -229,7 +304,3 @@ def _count_residuals(design: Design, free: dict[str, Array]) -> int:
 def _with(state: Standing, control: float, streak: int) -> Standing:
     numbers = (jnp.asarray(np.float64(control)), jnp.asarray(np.int32(streak)))
     return eqx.tree_at(lambda s: (s.control, s.streak), state, numbers)
-
-
-def _linear_solver(solver: Any) -> lx.AbstractLinearSolver:
-    return solver.descent.linear_solver

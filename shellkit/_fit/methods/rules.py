@@ -3,18 +3,17 @@ Powell. Each is one number that a refused step tightens and a good one loosens."
 
 import abc
 
+import equinox as eqx
 import numpy as np
 
 from .gauss_newton import Model
 
 
 _NEGLIGIBLE = 1e-10  # relative size below which a singular value is taken as zero by the rules that divide by it
-_FIRST_DAMPING = 1e-3  # in units of the largest eigenvalue of JᵀJ
 _LARGEST_REFUSAL = 2.0**10
-_FASTEST_DECAY, _FASTEST_GROWTH = 0.1, 2.0  # the latter for a loss that rose, where the fit allows that
 
 
-class Rule(abc.ABC):
+class Rule(eqx.Module):
     """The coefficients of the step in a model, and how its `control` changes. `streak` counts refusals in a row."""
 
     @abc.abstractmethod
@@ -33,20 +32,44 @@ class Rule(abc.ABC):
     def accepted(self, control: float, length: float, gain: float) -> float:
         """The control after a step that gained this part of what the model promised."""
 
+    @abc.abstractmethod
     def damping(self, control: float) -> float:
         """The damping for which the next model should be accurate."""
-        return 0.0
 
 
-class Damped(Rule):
-    r"""Levenberg and Marquardt: $a_i = \sigma_i c_i / (\sigma_i^2 + \mu)$, the control being the damping $\mu$.
+class NielsenDamping(Rule):
+    r"""The damping $\mu$ of [`shellkit.LevenbergMarquardt`][], whose step along the singular vectors of the Jacobian is
+    $a_i = \sigma_i c_i / (\sigma_i^2 + \mu)$.
 
-    The damping is updated by H. B. Nielsen, *Damping parameter in Marquardt's method*, IMM-REP-1999-05 (1999), equation
-    (2.5), with 1/10 for the least factor: smoothly in the gain, and ever faster while steps are refused.
+    After an accepted step, with $g$ the part of the promised decrease that came true, $\mu$ is multiplied with
+    $1 - (2 g - 1)^3$ within limits; after $k$ refusals in a row with $2^k$.
+
+    **Arguments:**
+
+    - `first`: the damping of the first step, in units of the largest eigenvalue of $J^T J$.
+    - `decay`: the least factor after a step, in (0, 1].
+    - `growth`: the largest factor after a step, at least 1; it is used where the loss rose, if the fit allows that.
+
+    **Raises:** `ValueError` for numbers out of range.
+
+    ??? cite "Source"
+        H. B. Nielsen, *Damping parameter in Marquardt's method*, IMM-REP-1999-05 (1999), equation (2.5).
     """
 
+    first: float = 1e-3
+    decay: float = 0.1
+    growth: float = 2.0
+
+    def __check_init__(self):
+        if not self.first > 0:
+            raise ValueError(f"NielsenDamping: first must be positive; got {self.first}.")
+        if not 0 < self.decay <= 1 <= self.growth:
+            raise ValueError(
+                f"NielsenDamping: decay must be in (0, 1] and growth at least 1; got {self.decay} and {self.growth}."
+            )
+
     def begin(self, model: Model) -> float:
-        return _FIRST_DAMPING * float(np.max(np.asarray(model.singular), initial=0.0)) ** 2
+        return self.first * float(np.max(np.asarray(model.singular), initial=0.0)) ** 2
 
     def step(self, model: Model, control: float) -> np.ndarray:
         singular, along = np.asarray(model.singular), np.asarray(model.along)
@@ -57,13 +80,13 @@ class Damped(Rule):
         return control * min(2.0**streak, _LARGEST_REFUSAL)
 
     def accepted(self, control: float, length: float, gain: float) -> float:
-        return control * min(_FASTEST_GROWTH, max(_FASTEST_DECAY, 1 - (2 * gain - 1) ** 3))
+        return control * min(self.growth, max(self.decay, 1 - (2 * gain - 1) ** 3))
 
     def damping(self, control: float) -> float:
         return control
 
 
-class Undamped(Rule):
+class StepHalving(Rule):
     """Gauss and Newton: the least-squares step, the control being the part of it that is taken, one unless refused."""
 
     def begin(self, model: Model) -> float:
@@ -78,8 +101,11 @@ class Undamped(Rule):
     def accepted(self, control: float, length: float, gain: float) -> float:
         return control if gain < 0 else min(1.0, 2 * control)
 
+    def damping(self, control: float) -> float:
+        return 0.0
 
-class Dogleg(Rule):
+
+class DoglegRadius(Rule):
     """Powell's dogleg: from the minimum along the gradient towards the least-squares step, up to a length, the control.
 
     ??? cite "Source"
@@ -108,6 +134,9 @@ class Dogleg(Rule):
         if gain < 0.25:
             return length / 4
         return 3 * control if gain > 0.75 and length > 0.99 * control else control
+
+    def damping(self, control: float) -> float:
+        return 0.0
 
 
 def _newton(model: Model) -> np.ndarray:
