@@ -10,8 +10,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Scalar
 
+from .._energy import Unknowns
+from .._equilibrium import Equilibrium
 from .._problem.problem import InverseProblem
-from .._problem.states import States
+from .._problem.states import Equilibria, States
 from .._programs.compiling import FASTEST, program
 from .._programs.tracing import known
 from .._programs.waiting import announce
@@ -150,14 +152,17 @@ def predict(design: Design, anchor: dict[str, Array], free: dict[str, Array], eq
     def shape(free):
         problem = design.problem(design.values(free))
         if isinstance(problem, InverseProblem | States):
-            found = problem.near(equilibrium)
-        else:
-            _, (_, found) = problem.objective(start=equilibrium)
-        return found.unknowns
+            return problem.near(equilibrium).unknowns
+        _, (_, found) = problem.objective(start=equilibrium)
+        return Unknowns(found.vertices, found.directors)
 
     step = jax.tree.map(jnp.subtract, free, anchor)
     shape_there, motion = jax.jvp(shape, (anchor,), (step,))
-    return equilibrium.with_unknowns(jax.tree.map(jnp.add, shape_there, motion))
+    moved = jax.tree.map(jnp.add, shape_there, motion)
+    if isinstance(equilibrium, Equilibrium | Equilibria):
+        return equilibrium.with_unknowns(moved)
+    parts = (moved.vertices, moved.directors)
+    return eqx.tree_at(lambda e: (e.vertices, e.directors), equilibrium, parts, is_leaf=lambda node: node is None)
 
 
 def _diagnostics(equilibrium: Any) -> dict[str, Scalar]:

@@ -25,13 +25,6 @@ class Shape(eqx.Module):
     stable: jax.Array
     result: str = eqx.field(static=True, default="stand-in")
 
-    @property
-    def unknowns(self):
-        return self.vertices
-
-    def with_unknowns(self, unknowns):
-        return eqx.tree_at(lambda shape: shape.vertices, self, unknowns)
-
 
 class Quadratic(eqx.Module):
     """The shape is the angle itself; the loss is the weighted squared distance to a target, and a hundredth of the
