@@ -60,7 +60,7 @@ def main() -> None:
     print(f"half-angle  {angle:.2f}°     exact {EXACT[1]:.2f}°; sin φ = λ² as h → 0: ", end="")
     print(f"{np.degrees(np.arcsin(STRETCH**2)):.2f}°")
     print(f"energy      {float(cone.energy):.3e}  exact {EXACT[2]:.3e}")
-    print("The energy is too large by the square of edge over thickness: one director a face fits no smooth cone.")
+    print("The energy is too large by the square of edge over thickness: one director per face fits no smooth cone.")
 
     options.out.mkdir(parents=True, exist_ok=True)
     sk.plot(problem, size=(300, 300) if options.quick else (800, 640), save=options.out / "cone_directors.png")

@@ -63,7 +63,12 @@ def main() -> None:
         f"{np.degrees(np.median(np.abs(angle_between(top, up)))):.1f}°",
         f"{1e3 * np.median(np.diff(result.history['seconds'])):.0f} ms",
     )
-    names = ("displacement of the teacher", "largest vertex error", "median director error, top", "time a design step")
+    names = (
+        "displacement of the teacher",
+        "largest vertex error",
+        "median director error, top",
+        "time a design step",
+    )
     tutorial = (
         TUTORIAL if (mesh.n_vertices, steps) == (42, 200) else (TUTORIAL[0] if mesh.n_vertices == 42 else "-", *"---")
     )

@@ -14,7 +14,7 @@ from ._geometry.forms import (
     matrices,
     metric_from_lengths,
 )
-from ._geometry.patches import Continuation, Triangles
+from ._geometry.patches import ClampedSide, Triangles
 from ._mesh.mesh import Mesh
 
 
@@ -52,14 +52,14 @@ class RestShape(eqx.Module):
         mesh: Mesh,
         thickness: Float[Array, ""] | Float[Array, " F"],
         form: CurvatureForm | None,
-        continuation: Continuation | None = None,
+        continuation: ClampedSide | None = None,
     ) -> "RestShape":
         """The rest shape that a mesh has as it stands.
 
         **Arguments:**
 
         - `mesh`: the surface at rest.
-        - `thickness`: of the shell, one value or one a face, in the unit of the mesh.
+        - `thickness`: of the shell, one value or one per face, in the unit of the mesh.
         - `form`: how the curvature is measured, see [`shellkit.second_form`][]; `None` for no curvature.
         - `continuation`: how the surface at rest goes on beyond edges whose normal is held.
         """

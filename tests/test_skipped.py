@@ -1,6 +1,6 @@
 """What a scene does not need costs it nothing: non-zeros, unknowns, leaves, and operations of traced programs, counted.
 
-That symbolic analysis is done once a pattern is counted in tests/solve, and what is imported in tests/test_package.py.
+That symbolic analysis is done once per pattern is counted in tests/solve, what is imported in tests/test_package.py.
 """
 
 from collections import Counter
@@ -156,7 +156,7 @@ def test_a_load_alone_has_no_matrix():
 
 def test_only_free_shells_look_for_rigid_motions(free):
     problem = scene(SHEET, supports=sk.Clamped(LEFT))
-    assert problem.rigid_motions() is None
+    assert problem.rigid_modes() is None
     clamped = relaxation(problem)
     # Neither a gauge, six coordinates that move most, nor a pose that would have to be brought back.
     assert free["argmax"] > clamped["argmax"]

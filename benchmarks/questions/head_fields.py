@@ -19,7 +19,7 @@ from ..problems import bilayer, design_problem, director_angles, ending
 
 
 _KINDS = {
-    "random": "random, one angle a face and layer",
+    "random": "random, one angle per face and layer",
     "training": "met along a training run from all angles at zero",
     "orthogonal": "along z on top, across it below",
 }

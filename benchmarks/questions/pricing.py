@@ -11,7 +11,7 @@ import optax
 import shellkit as sk
 from shellkit._relaxation.augmented_lagrangian import Stationary, padded
 from shellkit._solve.linear.bordered import BorderedSolver
-from shellkit._solve.null_space import held_still
+from shellkit._solve.null_space import gauged_hessian
 
 from .. import tables
 from ..case import Case, Row
@@ -92,7 +92,7 @@ def measure(mesh: str, scene: str, runs: int) -> dict:
     equilibrium, relaxation = profile(relaxed, problem, runs=runs)
     energy, y, motions, solver = eqx.filter_jit(_at)(problem, equilibrium)
     derivatives = lambda energy, y: energy.derivatives(y)[:3]
-    hessian = eqx.filter_jit(lambda energy, y: held_still(energy.hessian(y), motions, y)[0])(energy, y)
+    hessian = eqx.filter_jit(lambda energy, y: gauged_hessian(energy.hessian(y), motions, y)[0])(energy, y)
     pattern, still = problem.assembly.pattern, _sparse(energy, equilibrium)
     return ending(equilibrium) | {
         "unknowns": pattern.n,
@@ -106,7 +106,7 @@ def measure(mesh: str, scene: str, runs: int) -> dict:
 
 def _at(problem: sk.InverseProblem, equilibrium: sk.Equilibrium):
     """Energy, unknowns, free motions and solver at an equilibrium; with multipliers where it has some."""
-    energy, motions, solver = problem.discrete_energy(), problem.rigid_motions(), problem.linear_solver()
+    energy, motions, solver = problem.discrete_energy(), problem.rigid_modes(), problem.linear_solver()
     y = problem.assembly.dofs.gather(equilibrium.unknowns)
     multipliers = equilibrium.multipliers
     if multipliers is None:
@@ -118,7 +118,7 @@ def _at(problem: sk.InverseProblem, equilibrium: sk.Equilibrium):
 def _sparse(energy, equilibrium: sk.Equilibrium):
     """The energy that a relaxation works on: under the forces that hold its quantities, where it has some."""
     multipliers = equilibrium.multipliers
-    return energy if multipliers is None else energy.energy.held_by(multipliers, jnp.ones_like(multipliers))
+    return energy if multipliers is None else energy.energy.with_multipliers(multipliers, jnp.ones_like(multipliers))
 
 
 def _fit(problem: sk.InverseProblem, steps: int) -> dict:

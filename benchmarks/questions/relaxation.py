@@ -60,7 +60,7 @@ def _descend(problem: sk.InverseProblem, solver: optx.AbstractMinimiser, most: j
     """From rest, at most so many steps: where they led, and how many there were. Function and options are those that
     `InverseProblem` gives to a minimiser, but nothing is done at the end."""
     energy, mesh = problem.discrete_energy(), problem.mesh
-    options = minimiser_options(energy, problem.rigid_motions(energy), jnp.mean(edge_lengths(mesh.vertices, mesh)))
+    options = minimiser_options(energy, problem.rigid_modes(energy), jnp.mean(edge_lengths(mesh.vertices, mesh)))
     around = lambda y: (lambda y, _: (energy(y), None), y, None, options)
     y = mesh.vertices.reshape(-1)
     state = solver.init(*around(y), jax.ShapeDtypeStruct((), y.dtype), None, frozenset())

@@ -28,7 +28,7 @@ class Actuation(eqx.Module):
         """The rest shape under actuation."""
 
     def director_fields(self) -> tuple[Float[Array, " F"], ...]:
-        """The fields of director angles in this actuation, one a layer; none by default."""
+        """The fields of director angles in this actuation, one per layer; none by default."""
         return ()
 
     def at(self, progress: float | Float[Array, ""]) -> "Actuation":
@@ -119,7 +119,7 @@ class Passive(SheetActuation):
 
 def check_per_face(owner: str, name: str, value: Array, mesh: Mesh, *, scalar: bool, positive: bool = False) -> None:
     """Refuse a field that does not fit the faces, is not finite, or is not positive where it must be."""
-    expected = f"one a face, shape ({mesh.n_faces},)"
+    expected = f"one per face, shape ({mesh.n_faces},)"
     if value.shape != (mesh.n_faces,) and not (scalar and value.shape == ()):
         raise ValueError(
             f"{owner}: {name} has shape {value.shape}, but the mesh has {mesh.n_faces} faces and "

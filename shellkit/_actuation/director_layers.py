@@ -31,7 +31,7 @@ def director_layers(
     for layer in layers:
         if layer.shape != (mesh.n_faces,):
             raise ValueError(
-                f"{owner}: directors has a layer of shape {layer.shape}; give one angle a face, shape "
+                f"{owner}: directors has a layer of shape {layer.shape}; give one angle per face, shape "
                 f"({mesh.n_faces},), or a list of such layers."
             )
     return layers

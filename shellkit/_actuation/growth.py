@@ -30,7 +30,7 @@ class IsotropicGrowth(SheetActuation):
     def __init__(self, stretch: float | Array):
         """**Arguments:**
 
-        - `stretch`: of lengths, one number or one a face; swelling and heat expand (> 1), drying shrinks.
+        - `stretch`: of lengths, one number or one per face; swelling and heat expand (> 1), drying shrinks.
         """
         self.stretch = jnp.asarray(stretch, dtype=float)
 
@@ -64,7 +64,7 @@ class OrthotropicGrowth(SheetActuation):
         """**Arguments:**
 
         - `angle`: of the direction in each face, in radians from its first edge; see [`shellkit.director_angles`][].
-        - `along`, `across`: stretches of lengths, one number or one a face.
+        - `along`, `across`: stretches of lengths, one number or one per face.
         """
         self.angle = jnp.asarray(angle, dtype=float)
         self.along = jnp.asarray(along, dtype=float)
@@ -102,7 +102,7 @@ class PrescribedMetric(SheetActuation):
     def __init__(self, metric: Float[Array, "F 2 2"]):
         """**Arguments:**
 
-        - `metric`: positive definite, one a face; see [`shellkit.first_form`][].
+        - `metric`: positive definite, one per face; see [`shellkit.first_form`][].
         """
         self.metric = jnp.asarray(metric, dtype=float)
 
@@ -130,8 +130,8 @@ class Prescribed(Actuation):
     def __init__(self, metric: Float[Array, "F 2 2"] | None = None, curvature: Float[Array, "F 2 2"] | None = None):
         """**Arguments:**
 
-        - `metric`: positive definite, one a face; see [`shellkit.first_form`][].
-        - `curvature`: symmetric, one a face; see [`shellkit.second_form`][].
+        - `metric`: positive definite, one per face; see [`shellkit.first_form`][].
+        - `curvature`: symmetric, one per face; see [`shellkit.second_form`][].
         """
         self.metric = None if metric is None else jnp.asarray(metric, dtype=float)
         self.curvature = None if curvature is None else jnp.asarray(curvature, dtype=float)
@@ -152,7 +152,7 @@ class Prescribed(Actuation):
 
 def _check_form(owner: str, name: str, form: Array, mesh: Mesh) -> None:
     if form.shape != (mesh.n_faces, 2, 2):
-        raise ValueError(f"{owner}: {name} has shape {form.shape}; expected ({mesh.n_faces}, 2, 2), one a face.")
+        raise ValueError(f"{owner}: {name} has shape {form.shape}; expected ({mesh.n_faces}, 2, 2), one per face.")
     if isinstance(form, Tracer):
         return
     bad = np.flatnonzero(

@@ -27,8 +27,9 @@ class Layer(eqx.Module):
         """**Arguments:**
 
         - `sheet`: what changes its metric, such as [`shellkit.Nematic`][]; by default nothing.
-        - `thickness`: relative to the other layers, whose sum is the thickness of the shell. One number or one a face.
-        - `stiffness`: how many times as stiff it is as the material of the energy. One number or one a face. All
+        - `thickness`: relative to the other layers, whose sum is the thickness of the shell. One number or one per
+            face.
+        - `stiffness`: how many times as stiff it is as the material of the energy. One number or one per face. All
             layers have the energy's Poisson ratio.
         """
         self.sheet = Passive() if sheet is None else sheet

@@ -35,7 +35,7 @@ class Nematic(SheetActuation):
         """**Arguments:**
 
         - `angle`: of the director in each face, in radians from its first edge; see [`shellkit.director_angles`][].
-        - `stretch`: along the director, one number or one a face.
+        - `stretch`: along the director, one number or one per face.
         """
         self.angle = jnp.asarray(angle, dtype=float)
         self.stretch = jnp.asarray(stretch, dtype=float)

@@ -109,11 +109,11 @@ class Kabsch(Aligner):
 
     **Arguments:**
 
-    - `weights`: one a point, shape `(n,)`, not negative; all equal if left out.
+    - `weights`: one per point, shape `(n,)`, not negative; all equal if left out.
 
     **Raises:**
 
-    `ValueError` for weights that are negative, not finite, all zero or not one a point.
+    `ValueError` for weights that are negative, not finite, all zero or not one per point.
 
     ??? cite
 
@@ -155,11 +155,11 @@ class Similarity(Aligner):
 
     **Arguments:**
 
-    - `weights`: one a point, shape `(n,)`, not negative; all equal if left out.
+    - `weights`: one per point, shape `(n,)`, not negative; all equal if left out.
 
     **Raises:**
 
-    `ValueError` for weights that are negative, not finite, all zero or not one a point.
+    `ValueError` for weights that are negative, not finite, all zero or not one per point.
 
     ??? cite
 
@@ -332,7 +332,7 @@ def _triple(m: Float[Array, "3 3"]) -> Scalar:
 def checked_weights(name: str, weights: ArrayLike | Sequence) -> Float[Array, " n"]:
     weights = jnp.asarray(weights, dtype=float)
     if weights.ndim != 1:
-        raise ValueError(f"{name}: weights has shape {weights.shape}; give one number a point, shape (n,).")
+        raise ValueError(f"{name}: weights has shape {weights.shape}; give one number per point, shape (n,).")
     if not isinstance(weights, Tracer):
         values = np.asarray(weights)
         bad = np.flatnonzero(~(np.isfinite(values) & (values >= 0)))

@@ -249,7 +249,7 @@ def _scales(values: dict[str, Array], scale: float | Mapping[str, ArrayLike]) ->
 
 class _Derivative:
     """The derivative of the shape, over the root of the number of vertices, in the parameters in units of their scale:
-    products with blocks of directions, one a row."""
+    products with blocks of directions, one per row."""
 
     def __init__(self, design: Design, values: dict[str, Array], scales: dict[str, Array], equilibrium: Shape):
         self.parts = design, values, scales, equilibrium
@@ -282,7 +282,7 @@ def _shells(problem: Shell, equilibrium: Shape) -> list[tuple[InverseProblem, Eq
 
 def _rigid_basis(problem: InverseProblem, equilibrium: Equilibrium) -> Float[Array, "m k"] | None:
     """Rigid motions of the vertices that cost nothing, orthonormal; `None` if there is none."""
-    motions = problem.rigid_motions()
+    motions = problem.rigid_modes()
     if motions is None:
         return None
     dofs = problem.assembly.dofs

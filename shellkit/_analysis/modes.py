@@ -68,7 +68,7 @@ def vibration_modes(problem: InverseProblem, count: int = 10, equilibrium: Equil
     thickness $h$ has the angular frequencies $\sqrt{\omega / \rho h}$. Free directors carry no mass and follow. Rigid
     motions that nothing resists are among the modes, with eigenvalue zero. Where the energy has constraints the
     shapes are those that keep to first order what is held, and $H$ has the curvature of what holds it: the Hessian of
-    the energy less multipliers times quantities.
+    the energy less multipliers times constraints.
 
     Found by Lanczos' method on the factorised, slightly shifted Hessian, then refined together with the rigid motions.
     Not for use under `jax.jit`, and not differentiable.
@@ -137,7 +137,7 @@ def vibration_modes(problem: InverseProblem, count: int = 10, equilibrium: Equil
 def _check_count(problem: InverseProblem, count: int) -> None:
     free, massive = problem.assembly.dofs.free, 3 * problem.mesh.n_vertices
     available = massive if free is None else int(np.count_nonzero(np.asarray(free) < massive))
-    available -= problem.origin.most_motions
+    available -= problem.origin.most_rigid_modes
     available -= problem.assembly.n_constraints
     if not 1 <= count <= available // 2:
         raise ValueError(
@@ -181,18 +181,18 @@ def _pencil(problem: InverseProblem, equilibrium: Equilibrium) -> _Pencil:
     dofs, mesh = problem.assembly.dofs, problem.mesh
     energy = problem.discrete_energy()
     y = dofs.gather(equilibrium.unknowns)
-    if energy.quantities is None:
+    if energy.constraints is None:
         stiffness = matrix = energy.hessian(y)
     else:
-        m = len(energy.quantities.targets)
+        m = len(energy.constraints.targets)
         multipliers = jnp.zeros(m) if equilibrium.multipliers is None else equilibrium.multipliers
         stiffness = Stationary(energy).hessian(jnp.concatenate([y, multipliers]))
-        energy, matrix = energy.held_by(multipliers), stiffness.sparse
+        energy, matrix = energy.with_multipliers(multipliers), stiffness.sparse
     assert isinstance(matrix, SparseSymmetric)
     areas = vertex_areas(mesh.vertices, mesh)
     mass = dofs.per_unknown(areas, 0.0)
     rigid = None
-    motions = problem.rigid_motions()
+    motions = problem.rigid_modes()
     if motions is not None:
         fields = motions(y)
         gram = fields.T @ (mass[:, None] * fields)

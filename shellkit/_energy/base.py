@@ -158,7 +158,7 @@ class FormEnergy(AbstractEnergy):
 
     @abc.abstractmethod
     def element_data(self, mesh: Mesh, rest: RestShape) -> PyTree[Array]:
-        """Data of the faces, arrays with a trailing axis F, passed on to `density`; called once a relaxation."""
+        """Data of the faces, arrays with a trailing axis F, passed on to `density`; called once per relaxation."""
 
     @abc.abstractmethod
     def density(self, metric: Components, curvature: Components | None, data: PyTree[Array]) -> Float[Array, " F"]:

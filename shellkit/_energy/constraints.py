@@ -1,4 +1,4 @@
-"""Quantities of the whole shell that are held: its volume, its area. What holds one is a force: its multiplier."""
+"""Constraints of the whole shell that are held: its volume, its area. What holds one is a force: its multiplier."""
 
 import abc
 from typing import ClassVar
@@ -55,7 +55,7 @@ class Constraint(AbstractEnergy):
     ??? cite "Source"
 
         The multiplier is found as in J. Nocedal and S. Wright, "Numerical Optimization", 2nd edition (2006), section
-        17.3 (augmented Lagrangian), with steps of Newton's in place of its first-order update.
+        17.3 (augmented Lagrangian), with Newton steps in place of its first-order update.
     """
 
     papers: ClassVar[tuple[str, ...]] = (NOCEDAL_2006,)

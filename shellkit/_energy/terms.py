@@ -17,7 +17,7 @@ class Terms(NamedTuple):
     elements: tuple[tuple[Array | None, EnergyTerm], ...]
     """Functions of the positions of a few vertices each."""
     constraints: tuple[tuple[Array | None, Constraint], ...]
-    """Quantities of the whole shell that are held."""
+    """Constraints of the whole shell that are held."""
 
     @classmethod
     def of(cls, energy: AbstractEnergy) -> "Terms":

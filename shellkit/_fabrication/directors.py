@@ -33,8 +33,8 @@ def export_directors(
 
     - **vtu, vtp, vtk**: the mesh, with the vectors and the angles of each layer as face data; lengths are those of the
         mesh, which these formats hold without a unit.
-    - **csv**: a row a face: its centre, its area, and for each layer the vector, and on a flat sheet the angle from the
-        x axis in degrees, from 0 up to 180. The unit stands in the heading.
+    - **csv**: a row per face: its centre, its area, and for each layer the vector, and on a flat sheet the angle from
+        the x axis in degrees, from 0 up to 180. The unit stands in the heading.
     - **png**: for a flat sheet, a picture for each layer, seen from +z with y upwards, in which grey is the angle from
         the x axis: level 0 to 255 for 0 to 180 degrees (angle = 180° level / 256). What is off the sheet is
         transparent. The size of a pixel is written into the file.

@@ -23,7 +23,7 @@ def thicken(thing: Mesh | Equilibrium | InverseProblem, thickness: ArrayLike | N
     **Arguments:**
 
     - `thing`: a mesh, the relaxed shape of an equilibrium, or the surface of a problem at rest.
-    - `thickness`: one number, or one a face, in the unit of the mesh; by default that of the equilibrium or problem.
+    - `thickness`: one number, or one per face, in the unit of the mesh; by default that of the equilibrium or problem.
 
     **Returns:** a closed `Mesh` with outward normals: the upper side first (the vertices of the shell in their order,
     then again for the lower side). A closed shell becomes a body with a cavity, two surfaces.
@@ -67,7 +67,7 @@ def _checked(thickness: ArrayLike, mesh: Mesh) -> np.ndarray:
     heights = np.asarray(thickness, dtype=float)
     if heights.shape not in ((), (mesh.n_faces,)):
         raise ValueError(
-            f"thicken: thickness has shape {heights.shape}; give one number or one a face, shape ({mesh.n_faces},)."
+            f"thicken: thickness has shape {heights.shape}; give one number or one per face, shape ({mesh.n_faces},)."
         )
     if not (np.isfinite(heights) & (heights > 0)).all():
         raise ValueError("thicken: the thickness must be positive and finite everywhere.")

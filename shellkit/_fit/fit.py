@@ -66,7 +66,7 @@ def fit(
         `objective(start=None)` returns `(loss, ({term: value}, equilibrium or None))`, such as a sum over several
         problems.
     - `method`: any optax optimiser, schedules included; also those that search along a line (`optax.lbfgs()`), which
-        relax several times a step; or a [`shellkit.Method`][]. It sees the design as a dictionary of arrays by name,
+        relax several times per step; or a [`shellkit.Method`][]. It sees the design as a dictionary of arrays by name,
         such as `"actuation.top.angle"`, which `optax.multi_transform` can label.
     - `steps`: the number of steps in all, those of a resumed checkpoint included.
     - `where`: a function from the problem to the array or arrays (a tuple, or any pytree) to train, as in

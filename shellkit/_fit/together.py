@@ -98,7 +98,7 @@ def _sweep(
     how: str,
     refuses_unconverged: bool,
 ) -> tuple[Run, Seen]:
-    """The next step of each fit that runs; under `vmap` the others go on as well, and nobody looks."""
+    """The next step of each fit that runs; under `vmap` the others go on as well, and their results are dropped."""
 
     def step(parts: tuple[Design, Run]) -> tuple[Run, Seen]:
         arrays, run = parts

@@ -21,7 +21,7 @@ def director_angles(mesh: Mesh, direction: ArrayLike | Sequence) -> Float[Array,
     **Arguments:**
 
     - `mesh`: the surface.
-    - `direction`: one vector, shape `(3,)`, or one a face, shape `(F, 3)`; only its direction counts.
+    - `direction`: one vector, shape `(3,)`, or one per face, shape `(F, 3)`; only its direction counts.
 
     **Returns:**
 
@@ -35,7 +35,7 @@ def director_angles(mesh: Mesh, direction: ArrayLike | Sequence) -> Float[Array,
     direction = jnp.asarray(direction, dtype=mesh.vertices.dtype)
     if direction.shape not in ((3,), (mesh.n_faces, 3)):
         raise ValueError(
-            f"direction has shape {direction.shape}; give one vector, shape (3,), or one a face, "
+            f"direction has shape {direction.shape}; give one vector, shape (3,), or one per face, "
             f"shape ({mesh.n_faces}, 3)."
         )
     e1, e2 = face_frames(mesh.vertices, mesh)
@@ -49,7 +49,7 @@ def directors(mesh: Mesh, angles: ArrayLike | Sequence) -> Float[Array, "F 3"]:
     **Arguments:**
 
     - `mesh`: the surface; its frames are those of [`shellkit.face_frames`][] at `mesh.vertices`.
-    - `angles`: one angle a face, shape `(F,)`, radians.
+    - `angles`: one angle per face, shape `(F,)`, radians.
 
     **Returns:**
 
@@ -61,6 +61,6 @@ def directors(mesh: Mesh, angles: ArrayLike | Sequence) -> Float[Array, "F 3"]:
     """
     angles = jnp.asarray(angles, dtype=mesh.vertices.dtype)
     if angles.shape != (mesh.n_faces,):
-        raise ValueError(f"angles has shape {angles.shape}; give one angle a face, shape ({mesh.n_faces},).")
+        raise ValueError(f"angles has shape {angles.shape}; give one angle per face, shape ({mesh.n_faces},).")
     e1, e2 = face_frames(mesh.vertices, mesh)
     return jnp.cos(angles)[:, None] * e1 + jnp.sin(angles)[:, None] * e2

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from .._mesh.mesh import Mesh
-from .patches import Continuation, Hinges, Triangles
+from .patches import ClampedSide, Hinges, Triangles
 
 
 Components: TypeAlias = tuple[Array, Array, Array]
@@ -76,7 +76,7 @@ def half_angles(
     mesh: Mesh,
     triangles: Triangles,
     directors: Float[Array, " E"] | None,
-    continuation: Continuation | None = None,
+    continuation: ClampedSide | None = None,
 ) -> Float[Array, "3 F"]:
     """Angles between the normal of every face and the normals of its three edges."""
     hinges = Hinges(vertices, mesh, triangles, continuation)

@@ -1,5 +1,5 @@
 """Where a surface runs through itself: pairs of faces found by a tree of their centres, then told apart by separating
-axes. Nothing else in the library looks, so nobody prints an impossible design unawares."""
+axes. Nothing else in the library looks, so an impossible design would be printed unawares."""
 
 import numpy as np
 from jaxtyping import Array, Float, Int

@@ -56,7 +56,7 @@ class Triangles(eqx.Module):
         return dot(self.corners - self.tails, self.edges) / self.squared_lengths
 
 
-class Continuation(eqx.Module):
+class ClampedSide(eqx.Module):
     """How the surface goes on beyond the edges whose normal is held, seen from each of their faces.
 
     The edge normal is square to the edge and to the arm. Arms are unit vectors square to their edges, and stay so under
@@ -82,7 +82,7 @@ class Hinges(eqx.Module):
         vertices: Float[Array, "V 3"],
         mesh: Mesh,
         triangles: Triangles,
-        continuation: Continuation | None = None,
+        continuation: ClampedSide | None = None,
     ):
         hinged = mesh.face_opposite.T >= 0
         far = gather(vertices, jnp.maximum(mesh.face_opposite, 0))

@@ -29,7 +29,7 @@ def transfer_directors(
     **Arguments:**
 
     - `source`: the mesh that the directors are on; its place is that of `source.vertices`.
-    - `angles`: one a face of the source, shape `(F_source,)`, radians from its first edge; see
+    - `angles`: one per face of the source, shape `(F_source,)`, radians from its first edge; see
         [`shellkit.director_angles`][].
     - `target`: the mesh to carry them to.
     - `smooth`: whether $Q$ is brought onto the vertices and interpolated, which is of second order in the size of the
@@ -63,13 +63,13 @@ def transfer_face_values(
 ) -> Float[Array, "F *k"]:
     """Face data on one mesh from those on another that lies on, or near, the same surface: numbers such as stretches.
 
-    For what is told by the edges of a face, a director or a form, this is not meant: see
+    For what refers to the edges of a face, a director or a form, this is not meant: see
     [`shellkit.transfer_directors`][].
 
     **Arguments:**
 
     - `source`: the mesh that the values are on.
-    - `values`: one row a face of the source, shape `(F_source, ...)`.
+    - `values`: one row per face of the source, shape `(F_source, ...)`.
     - `target`: the mesh to carry them to.
     - `smooth`: whether the values are brought onto the vertices, each by the linear function that fits the faces around
         it best, and interpolated at the point nearest to the centroid of each new face. This is of second order in the

@@ -27,7 +27,7 @@ class Chamfer(LeastSquaresLoss):
     For targets that are measured points, without faces. It sees a surface no finer than its points lie: a surface that
     is the target's in other points has a loss of about the square of their spacing. For a target with faces,
     [`shellkit.PointToSurface`][] has no such floor. Smooth, except where a point is equally near to two others: there
-    the loss has a kink, downwards. There are many such places, about one a spacing.
+    the loss has a kink, downwards. There are many such places, about one per spacing.
 
     **Arguments:**
 

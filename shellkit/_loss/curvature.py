@@ -106,7 +106,7 @@ def _root_shares(equilibrium: Equilibrium) -> Float[Array, " V"]:
 def _checked_target(name: str, target: ArrayLike | Sequence) -> Float[Array, " *V"]:
     target = jnp.asarray(target, dtype=float)
     if target.ndim > 1:
-        raise ValueError(f"{name}: target has shape {target.shape}; give one number, or one a vertex, shape (V,).")
+        raise ValueError(f"{name}: target has shape {target.shape}; give one number, or one per vertex, shape (V,).")
     if not isinstance(target, Tracer):
         bad = np.flatnonzero(~np.isfinite(np.atleast_1d(np.asarray(target))))
         if bad.size:
@@ -118,7 +118,7 @@ def _refuse_other_mesh(name: str, target: Array, mesh: Mesh) -> None:
     if target.shape not in ((), (mesh.n_vertices,)):
         raise ValueError(
             f"{name}: target has shape {target.shape}, but the mesh has {mesh.n_vertices} vertices; give one number, "
-            f"or one a vertex, shape ({mesh.n_vertices},)."
+            f"or one per vertex, shape ({mesh.n_vertices},)."
         )
     if not isinstance(mesh.edges, Tracer) and bool(np.asarray(mesh.boundary_vertices).all()):
         raise ValueError(f"{name}: all vertices lie on the boundary, which has no curvature; refine the mesh.")

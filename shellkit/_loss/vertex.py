@@ -25,7 +25,7 @@ class VertexDistance(LeastSquaresLoss):
 
     - `target`: positions of the mesh's vertices, in their order, shape `(V, 3)`.
     - `aligner`: how the relaxed vertices are laid upon the target before they are compared. Its weights are its own.
-    - `weights`: one a vertex, shape `(V,)`, not negative; all equal if left out.
+    - `weights`: one per vertex, shape `(V,)`, not negative; all equal if left out.
 
     **Returns:**
 

@@ -43,7 +43,7 @@ def connect(faces: Int[np.ndarray, "F 3"], n_vertices: int) -> Connectivity:
 
     **Arguments:**
 
-    - `faces`: vertex indices, each row a cycle.
+    - `faces`: vertex indices, each row per cycle.
     - `n_vertices`: how many vertices there are.
 
     **Raises:** `ValueError` for an index out of range, a repeated corner, a repeated face, an edge of more than two

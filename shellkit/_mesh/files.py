@@ -1,4 +1,4 @@
-"""Reading and writing meshes: the format is told by the extension, each format is a module of `formats`, and what a
+"""Reading and writing meshes: the format follows from the extension, each format is a module of `formats`, and what a
 format cannot keep is said aloud. Files appear whole or not at all."""
 
 import importlib

@@ -39,7 +39,7 @@ class Mesh(eqx.Module):
     - `face_edges`: the edge on each side of a face.
     - `twins`: for each side of a face, the same side seen from the neighbour, as `3 * neighbour + side`.
     - `face_opposite`: for each side of a face, the neighbour's corner that is not on it.
-    - `vertex_data`, `face_data`: named arrays, one row a vertex or face.
+    - `vertex_data`, `face_data`: named arrays, one row per vertex or face.
     """
 
     vertices: Float[Array, "V 3"]
@@ -66,7 +66,7 @@ class Mesh(eqx.Module):
             checked for values.
         - `faces`: vertex indices from 0, shape `(F, 3)`, of any integer type. Not traced: connectivity is computed on
             the host, in numpy.
-        - `vertex_data`, `face_data`: named arrays, one row a vertex or face.
+        - `vertex_data`, `face_data`: named arrays, one row per vertex or face.
 
         **Raises:** `RuntimeError` unless JAX is in double precision. `ValueError`, naming the place and the remedy, for
         arrays of a wrong shape or type, a coordinate that is not finite, and whatever is no oriented surface: an index
@@ -276,7 +276,7 @@ class Mesh(eqx.Module):
 
         **Arguments:**
 
-        - `values`: one row a vertex, shape `(V, ...)`, such as the positions of an equilibrium.
+        - `values`: one row per vertex, shape `(V, ...)`, such as the positions of an equilibrium.
 
         **Returns:** an array of shape `(V + E, ...)`: the values themselves, then those at the midpoints of the edges,
         the mean of both ends for floating types, the lower of both for whole numbers and flags.
@@ -287,7 +287,7 @@ class Mesh(eqx.Module):
         values = xp.asarray(values)
         if values.ndim < 1 or values.shape[0] != self.n_vertices:
             raise ValueError(
-                f"the field has shape {values.shape}; expected ({self.n_vertices}, ...), one row a vertex."
+                f"the field has shape {values.shape}; expected ({self.n_vertices}, ...), one row per vertex."
             )
         tails, heads = np.asarray(self.edges).T
         middle = xp.minimum(values[tails], values[heads])

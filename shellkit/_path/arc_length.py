@@ -17,7 +17,7 @@ from .._geometry.surface import edge_lengths
 from .._problem.problem import InverseProblem
 from .._relaxation.augmented_lagrangian import Stationary, padded
 from .._solve.linear.bordered import Bordered, BorderedSolver
-from .._solve.null_space import held_still, solve_held
+from .._solve.null_space import gauged_hessian, pseudo_inverse_solve
 
 
 _MAX_CORRECTIONS = 12
@@ -129,7 +129,7 @@ def trace(
 ) -> Branch:
     """Follow equilibria from none of actuation, loads and prescribed motion to all of them, wherever the path leads.
 
-    The number of negative eigenvalues is told by the factor at each point. Where it changes limit points or
+    The number of negative eigenvalues follows from the factor at each point. Where it changes limit points or
     bifurcations lie between, which are then found by bisection; two of them within one step that undo each other's
     change are not seen, so take shorter steps where they lie close. Where the energy has constraints, eigenvalues are
     those of motions that keep what is held. On the host; not for use under `jax.jit`, and not differentiable:
@@ -162,10 +162,10 @@ def trace(
     path = ArcLength() if path is None else path
     _check(problem, start)
     y = problem.assembly.dofs.gather(Unknowns(problem.mesh.vertices) if start is None else start.unknowns)
-    quantities = problem.discrete_energy().quantities
-    if quantities is not None:
+    constraints = problem.discrete_energy().constraints
+    if constraints is not None:
         held = None if start is None else start.multipliers
-        y = jnp.concatenate([y, jnp.zeros(len(quantities.targets)) if held is None else held])
+        y = jnp.concatenate([y, jnp.zeros(len(constraints.targets)) if held is None else held])
     zero, none = jnp.zeros(()), jnp.zeros_like(y)
     # Counted so that, at the start, progress and displacement have equal parts in the length of a step.
     here = _corrected(problem, y, zero, none, jnp.ones(()), jnp.ones(()))
@@ -351,20 +351,20 @@ def _linearised(problem: InverseProblem, y: Float[Array, " k"], progress: Scalar
     gradient, change = jax.jvp(lambda t: energy(t).gradient(y), (progress,), (jnp.ones_like(progress),))
     now = problem.at(progress)
     hessian: Any = energy(progress).hessian(y)
-    motions, solver = now.rigid_motions(), problem.linear_solver()
+    motions, solver = now.rigid_modes(), problem.linear_solver()
     lengths = jnp.ones_like(y)
     if isinstance(hessian, Bordered):
         forces = jnp.max(jnp.abs(hessian.rows), axis=1)
         lengths = lengths.at[hessian.n :].set(forces / hessian.size_of_diagonal())
         motions, solver = padded(motions, len(forces)), BorderedSolver(solver)
-    hessian, basis, _ = held_still(hessian, motions, y)
+    hessian, basis, _ = gauged_hessian(hessian, motions, y)
     factor = solver.factorise(hessian)
-    return gradient, change, lambda rhs: solve_held(solver, factor, basis, rhs), factor, lengths
+    return gradient, change, lambda rhs: pseudo_inverse_solve(solver, factor, basis, rhs), factor, lengths
 
 
 def _with_multipliers(energy: DiscreteEnergy) -> DiscreteEnergy | Stationary:
     """The energy; where quantities are held, as a function of their multipliers too."""
-    return energy if energy.quantities is None else Stationary(energy)
+    return energy if energy.constraints is None else Stationary(energy)
 
 
 @eqx.filter_jit
@@ -383,7 +383,7 @@ def _equilibrium(problem: InverseProblem, point: _Point) -> Equilibrium:
     now = problem.at(point.progress)
     energy = now.discrete_energy()
     y, multipliers = _shape(now, point.y), None
-    if energy.quantities is not None:
+    if energy.constraints is not None:
         multipliers = point.y[len(y) :]
     found = eqx.tree_at(
         lambda d: (d.energy, d.gradient_norm, d.steps, d.stable),

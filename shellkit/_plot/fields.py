@@ -18,7 +18,7 @@ from .shapes import Shape
 
 @dataclass(frozen=True)
 class Field:
-    """One number a vertex or a face; `length` and `pressure` are the powers of these units in the field's unit, where
+    """One number per vertex or a face; `length` and `pressure` are the powers of these units in the field's unit, where
     it is known."""
 
     name: str
@@ -81,8 +81,8 @@ def _one_number_each(name: str, values, mesh: Mesh) -> np.ndarray:
     values = np.asarray(values)
     if values.shape not in ((mesh.n_vertices,), (mesh.n_faces,)) or values.dtype.kind not in "bifu":
         raise ValueError(
-            f"plot: {name} has shape {values.shape} and type {values.dtype}; give one number a vertex, shape "
-            f"({mesh.n_vertices},), or one a face, shape ({mesh.n_faces},)."
+            f"plot: {name} has shape {values.shape} and type {values.dtype}; give one number per vertex, shape "
+            f"({mesh.n_vertices},), or one per face, shape ({mesh.n_faces},)."
         )
     return values.astype(float)
 

@@ -104,7 +104,7 @@ def animate(
 
     - `frames`: a [`shellkit.Path`][] from [`shellkit.follow`][], whose equilibria are the frames;
         [`shellkit.Snapshots`][] of a fit, each at rest with its directors, and relaxed under the wireframe of its
-        target; a list of things that [`shellkit.plot`][] draws, one a frame; or one such thing, which is turned.
+        target; a list of things that [`shellkit.plot`][] draws, one per frame; or one such thing, which is turned.
     - `save`: a file to write: gif, or mp4 (needs the extra `video`).
     - `fps`: frames a second. A gif counts hundredths of a second.
     - `pause`: for how many seconds the last frame stays.

@@ -65,7 +65,7 @@ def plot(
     **Arguments:**
 
     - `thing`: what to draw, or a list of such things, each in a panel of its own.
-    - `color`: what to colour the surface by: an array with one number a vertex or face, or a name. Any surface has
+    - `color`: what to colour the surface by: an array with one number per vertex or face, or a name. Any surface has
         `"mean curvature"`, `"gauss curvature"` and the names in `mesh.vertex_data` and `mesh.face_data`. An equilibrium
         also has `"displacement"` (from the surface at rest), `"stretch"` (the larger principal stretch against the
         surface at rest) and `"strain"` (the larger deviation from 1 of the principal stretches against the actuated

@@ -17,7 +17,7 @@ def checked_thickness(thickness: float | Array, mesh: Mesh) -> Array:
     thickness = jnp.asarray(thickness, dtype=float)
     if thickness.shape not in ((), (mesh.n_faces,)):
         raise ValueError(
-            f"InverseProblem: thickness has shape {thickness.shape}; give one number or one a face, "
+            f"InverseProblem: thickness has shape {thickness.shape}; give one number or one per face, "
             f"shape ({mesh.n_faces},)."
         )
     if not isinstance(thickness, Tracer):

@@ -13,7 +13,7 @@ from jaxtyping import Array, UInt32
 from .._energy import AbstractEnergy, Terms
 from .._mesh.mesh import Mesh
 from .._programs.tracing import is_traced, known
-from .._relaxation.rigid_modes import count_motions
+from .._relaxation.rigid_modes import count_rigid_modes
 from .._supports import Supports
 
 
@@ -29,12 +29,12 @@ class Origin(eqx.Module):
 
     contents: UInt32[Array, "4"]
     kind: tuple = eqx.field(static=True)
-    most_motions: int = eqx.field(static=True)
+    most_rigid_modes: int = eqx.field(static=True)
 
     @classmethod
     def of(cls, mesh: Mesh, energy: AbstractEnergy, supports: Supports | None) -> "Origin":
         """What these parts are; connectivity and selections must be known."""
-        motions = count_motions(mesh, supports, Terms.of(energy).bends)
+        motions = count_rigid_modes(mesh, supports, Terms.of(energy).bends)
         return cls(known(_contents(mesh, energy, supports)), _kind(mesh, energy, supports), motions)
 
     def check(self, mesh: Mesh, energy: AbstractEnergy, supports: Supports | None) -> None:
@@ -75,11 +75,11 @@ class Origin(eqx.Module):
 
     def _check_supports(self, mesh: Mesh, energy: AbstractEnergy, supports: Supports) -> None:
         supports.check(mesh)
-        motions = count_motions(mesh, supports, Terms.of(energy).bends)
-        if motions > self.most_motions:
+        motions = count_rigid_modes(mesh, supports, Terms.of(energy).bends)
+        if motions > self.most_rigid_modes:
             raise ValueError(
                 f"The supports of this InverseProblem now leave {motions} rigid motions free, and at most "
-                f"{self.most_motions} where it was built. Build it anew: problem.replace(supports=...)."
+                f"{self.most_rigid_modes} where it was built. Build it anew: problem.replace(supports=...)."
             )
 
 

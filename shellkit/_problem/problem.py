@@ -19,7 +19,7 @@ from .._programs.precision import require_x64
 from .._programs.tracing import frozen, is_traced, with_parts
 from .._relaxation.forward import assess, near, pose_of, relax, respond
 from .._relaxation.relaxed import Relaxed, Start
-from .._relaxation.rigid_modes import FreeMotions, free_motions
+from .._relaxation.rigid_modes import RigidModes, rigid_modes
 from .._rest import RestShape, checked_rest_lengths
 from .._solve.linear.base import AbstractSparseSolver
 from .._solve.linear.choose import default_direct_solver
@@ -85,7 +85,7 @@ class InverseProblem(eqx.Module):
         """**Arguments:**
 
         - `mesh`: the surface at rest.
-        - `thickness`: of the shell, one number or one a face, in the unit of the mesh.
+        - `thickness`: of the shell, one number or one per face, in the unit of the mesh.
         - `energy`: what deformation costs; a sum of terms.
         - `actuation`: what the shell would like to become; by default it stays as it is.
         - `loss`: what is wanted of the equilibrium; only `evaluate` needs it.
@@ -176,18 +176,18 @@ class InverseProblem(eqx.Module):
         held = self.assembly.dofs.pack(Unknowns(held))
         return DiscreteEnergy(self.energy, self.mesh, rest, self.assembly, held, beyond)
 
-    def rigid_motions(self, energy: DiscreteEnergy | None = None) -> FreeMotions | None:
+    def rigid_modes(self, energy: DiscreteEnergy | None = None) -> RigidModes | None:
         """The rigid motions that cost nothing, with supports and loads as they are now; `None` if there is none.
 
         **Arguments:**
 
         - `energy`: as `discrete_energy` returns it, if it is at hand.
         """
-        most = self.origin.most_motions
+        most = self.origin.most_rigid_modes
         if most == 0:
             return None
         energy = self.discrete_energy() if energy is None else energy
-        return free_motions(energy, self.mesh, self.supports, most)
+        return rigid_modes(energy, self.mesh, self.supports, most)
 
     def total_energy(self, vertices: Float[Array, "V 3"], directors: Float[Array, " E"] | None = None) -> Scalar:
         """The energy of any shape, in units of pressure times volume; held vertices are where they are held.
@@ -397,7 +397,7 @@ class InverseProblem(eqx.Module):
         self,
         energy: DiscreteEnergy,
         y: Float[Array, " n"],
-        motions: FreeMotions | None = None,
+        motions: RigidModes | None = None,
         multipliers: Float[Array, " m"] | None = None,
     ) -> Pose:
         """What [`shellkit.Equilibrium`][] reports of a shape; see `pose_of`."""

@@ -27,7 +27,11 @@ class Program:
         self.__name__, self.__doc__ = function.__name__, function.__doc__
 
     def __call__(self, *arguments: Any) -> Any:
-        return self._of(arguments)(*arguments)
+        if is_traced(arguments):
+            return self._inside(*arguments)
+        # What is known is worked out at once, also where a transformation is at work: it is a constant there.
+        with jax.ensure_compile_time_eval():
+            return self._of(arguments)(*arguments)
 
     def lower(self, *arguments: Any) -> Any:
         """As that of `equinox.filter_jit`: traced and lowered, to be compiled."""

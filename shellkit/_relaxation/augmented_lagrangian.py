@@ -1,7 +1,7 @@
 """Relaxation with quantities of the whole shell held at their values: multipliers are sought about the minimiser.
 
-For given multipliers and a penalty the shape is a minimum like any other. How its gaps depend on the multipliers
-follows from the factor at hand, so that these converge as Newton's method does, to gaps of rounding."""
+For given multipliers and a penalty the shape is a minimum like any other. How its residuals depend on the multipliers
+follows from the factor at hand, so that these converge as Newton's method does, to residuals of rounding."""
 
 from collections.abc import Callable
 
@@ -17,23 +17,23 @@ from .._solve.linear.base import AbstractSparseSolver
 from .._solve.linear.bordered import Bordered, BorderedFactor, BorderedSolver
 from .._solve.newton.core import Newton
 from .._solve.newton.objective import Objective
-from .._solve.null_space import orthonormal, solve_held
+from .._solve.null_space import orthonormal, pseudo_inverse_solve
 
 
 _MAX_ROUNDS = 16
 _ROUNDING = 2e-15  # of a gap, relative to the sum of its gradient's entries times positions
 _CLOSE = 1e-10  # a gap that no round makes smaller is taken for rounding below this
-_CONTRACTION = 0.25  # a round that does not cut the gaps to this raises the penalties
+_CONTRACTION = 0.25  # a round that does not cut the residuals to this raises the penalties
 _RAISE = 10.0
 
 
-class Held(eqx.Module):
+class ConstrainedState(eqx.Module):
     """Where a relaxation with multipliers has come to."""
 
     y: Float[Array, " n"]
     multipliers: Float[Array, " m"]
     """With those of springs, minus stiffness times gap."""
-    lent: Float[Array, " m"]
+    estimates: Float[Array, " m"]
     penalties: Float[Array, " m"]
     gap: Scalar
     """The largest gap of what is held exactly, in units of its rounding."""
@@ -46,13 +46,15 @@ class Held(eqx.Module):
     settled: Bool[Array, ""]
 
     @classmethod
-    def begin(cls, y: Float[Array, " n"], lent: Float[Array, " m"], penalties: Float[Array, " m"]) -> "Held":
+    def begin(
+        cls, y: Float[Array, " n"], estimates: Float[Array, " m"], penalties: Float[Array, " m"]
+    ) -> "ConstrainedState":
         """Before the first round, of which only these three are looked at."""
         none = jnp.zeros((), jnp.int32)
         return cls(
             y=y,
-            multipliers=jnp.zeros_like(lent),
-            lent=lent,
+            multipliers=jnp.zeros_like(estimates),
+            estimates=estimates,
             penalties=penalties,
             gap=jnp.asarray(jnp.inf),
             value=jnp.zeros(()),
@@ -65,14 +67,14 @@ class Held(eqx.Module):
         )
 
 
-def relax_held(
+def relax_constrained(
     newton: Newton,
     objective: Callable[[DiscreteEnergy], Objective],
     energy: DiscreteEnergy,
     y: Float[Array, " n"],
     multipliers: Float[Array, " m"] | None,
     max_steps: int,
-) -> Held:
+) -> ConstrainedState:
     """The minimum of an energy with its quantities at their values.
 
     **Arguments:**
@@ -84,36 +86,36 @@ def relax_held(
     - `max_steps`: of the method, for each round.
     """
     motions = objective(energy).motions
-    quantities = energy.quantities
-    assert quantities is not None
-    exact = jnp.asarray(quantities.exact)
+    constraints = energy.constraints
+    assert constraints is not None
+    exact = jnp.asarray(constraints.exact)
     zero = jnp.zeros(len(exact))
     first = zero if multipliers is None else jnp.where(exact, multipliers, 0.0)
-    start = Held.begin(y, first, jnp.where(exact, _penalties(energy, y), quantities.penalties))
+    start = ConstrainedState.begin(y, first, jnp.where(exact, _penalties(energy, y), constraints.penalties))
 
-    def once(now: Held) -> Held:
-        lent = energy.held_by(now.lent, now.penalties)
-        state, steps = newton.minimise(objective(lent), now.y, max_steps)
+    def once(now: ConstrainedState) -> ConstrainedState:
+        augmented = energy.with_multipliers(now.estimates, now.penalties)
+        state, steps = newton.minimise(objective(augmented), now.y, max_steps)
         result, point = state.result, state.point
         converged = result == optx.RESULTS.successful
-        gaps, rows = energy.gaps(point.y), energy.rows(point.y)
-        gap = jnp.max(jnp.where(exact, jnp.abs(gaps) / (_ROUNDING * (jnp.abs(rows) @ jnp.abs(point.y))), 0.0))
+        residuals, jacobian = energy.constraint_residuals(point.y), energy.constraint_jacobian(point.y)
+        gap = jnp.max(jnp.where(exact, jnp.abs(residuals) / (_ROUNDING * (jnp.abs(jacobian) @ jnp.abs(point.y))), 0.0))
         worse = ~(gap < _CONTRACTION * now.gap)
         settled = converged & ((gap <= 1) | (worse & (gap * _ROUNDING < _CLOSE)))
 
-        # The gaps as a function of the multipliers have the slope G A⁻¹ Gᵀ at the minimum.
+        # The residuals as a function of the multipliers have the slope G A⁻¹ Gᵀ at the minimum.
         basis = None if motions is None else orthonormal(motions(point.y))
         assert isinstance(state.factor, BorderedFactor)
-        moves = jnp.stack([solve_held(newton.linear_solver, state.factor, basis, row) for row in rows])
-        slope = jnp.where(exact[:, None] & exact[None, :], rows @ moves.T, jnp.diag(1.0 + zero))
-        change = -jnp.linalg.solve(slope, jnp.where(exact, gaps, 0.0))
-        simple = jnp.where(exact, -now.penalties * gaps, 0.0)
+        moves = jnp.stack([pseudo_inverse_solve(newton.linear_solver, state.factor, basis, row) for row in jacobian])
+        slope = jnp.where(exact[:, None] & exact[None, :], jacobian @ moves.T, jnp.diag(1.0 + zero))
+        change = -jnp.linalg.solve(slope, jnp.where(exact, residuals, 0.0))
+        simple = jnp.where(exact, -now.penalties * residuals, 0.0)
         usable = converged & jnp.all(jnp.isfinite(change))
         change = jnp.where(usable, change, simple)
-        return Held(
+        return ConstrainedState(
             y=jnp.where(usable & ~settled, point.y + change @ moves, point.y),
-            multipliers=now.lent - now.penalties * gaps,
-            lent=now.lent + change,
+            multipliers=now.estimates - now.penalties * residuals,
+            estimates=now.estimates + change,
             penalties=jnp.where(exact & worse, _RAISE * now.penalties, now.penalties),
             gap=gap,
             value=point.value,
@@ -133,8 +135,8 @@ def _penalties(energy: DiscreteEnergy, y: Float[Array, " n"]) -> Float[Array, " 
     one product, over the square of each gradient."""
     signs = jax.random.rademacher(jax.random.key(0), y.shape, y.dtype)
     image = jax.jvp(energy.gradient, (y,), (signs,))[1]
-    rows = energy.rows(y)
-    square = jnp.sum(rows**2, axis=1)
+    jacobian = energy.constraint_jacobian(y)
+    square = jnp.sum(jacobian**2, axis=1)
     return jnp.abs(signs @ image) / len(y) / jnp.where(square > 0, square, 1.0)
 
 
@@ -144,14 +146,14 @@ class Stationary(eqx.Module):
     energy: DiscreteEnergy
 
     def _at(self, z: Float[Array, " k"]) -> tuple[DiscreteEnergy, Float[Array, " n"], Float[Array, " m"]]:
-        quantities = self.energy.quantities
-        assert quantities is not None
-        n = len(z) - len(quantities.targets)
-        return self.energy.held_by(z[n:]), z[:n], quantities.compliances
+        constraints = self.energy.constraints
+        assert constraints is not None
+        n = len(z) - len(constraints.targets)
+        return self.energy.with_multipliers(z[n:]), z[:n], constraints.compliances
 
     def gradient(self, z: Float[Array, " k"]) -> Float[Array, " k"]:
         energy, y, compliances = self._at(z)
-        return jnp.concatenate([energy.gradient(y), -energy.gaps(y) - compliances * z[len(y) :]])
+        return jnp.concatenate([energy.gradient(y), -energy.constraint_residuals(y) - compliances * z[len(y) :]])
 
     def hessian(self, z: Float[Array, " k"]) -> Bordered:
         energy, y, compliances = self._at(z)
@@ -175,7 +177,7 @@ def padded(motions: Callable[[Array], Array] | None, m: int) -> _Padded | None:
     return None if motions is None else _Padded(motions, m)
 
 
-def differentiable_held(
+def differentiable_constrained(
     energy: DiscreteEnergy,
     y: Float[Array, " n"],
     multipliers: Float[Array, " m"],

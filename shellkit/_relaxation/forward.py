@@ -25,10 +25,10 @@ from .._solve.adjoint import MANY, differentiable_minimum
 from .._solve.linear.bordered import BorderedSolver
 from .._solve.newton.newton import SparseNewton
 from .._solve.response import responding_minimum
-from .augmented_lagrangian import Stationary, differentiable_held, padded
-from .minimise import FOLDED, End, minimised, minimised_held
+from .augmented_lagrangian import Stationary, differentiable_constrained, padded
+from .minimise import FOLDED, End, minimised, minimised_constrained
 from .relaxed import Relaxed, Start
-from .rigid_modes import FreeMotions
+from .rigid_modes import RigidModes
 
 
 @program(FAST)
@@ -38,17 +38,17 @@ def relax(problem: Any, solver: optx.AbstractMinimiser, start: Start) -> Relaxed
     rest = problem.rest_shape()
     energy = problem.energy_of(rest)
     y0 = problem.assembly.dofs.gather(start.unknowns)
-    motions = problem.rigid_motions(energy)
+    motions = problem.rigid_modes(energy)
     length = jnp.mean(edge_lengths(problem.mesh.vertices, problem.mesh))
     linear_solver = problem.linear_solver()
     multipliers = last = None
-    if energy.quantities is None:
+    if energy.constraints is None:
         end = minimised(energy, y0, motions, length, solver, linear_solver, problem.step_limit())
         y, last = end.y, end.last if len(y0) >= MANY else None
     else:
         assert isinstance(solver, SparseNewton)  # as was checked when the problem was built
-        end, held = minimised_held(energy, y0, start.multipliers, motions, length, solver, problem.step_limit())
-        y, multipliers = held.y, held.multipliers
+        end, found = minimised_constrained(energy, y0, start.multipliers, motions, length, solver, problem.step_limit())
+        y, multipliers = found.y, found.multipliers
     pose = pose_of(problem, energy, y, motions, multipliers)
     stuck = end.result == optx.RESULTS.nonlinear_divergence
     return Relaxed(rest, pose, _diagnostics(problem.mesh, energy, end, pose.unknowns.vertices), y, stuck, last)
@@ -59,13 +59,13 @@ def respond(problem: Any, found: Relaxed, posed: bool) -> tuple[RestShape, Pose]
     """Rest shape and pose as functions of every array of a problem, at a relaxation that was found."""
     rest = problem.rest_shape()
     energy = problem.energy_of(rest)
-    motions = frozen(problem.rigid_motions(energy))
+    motions = frozen(problem.rigid_modes(energy))
     linear_solver, multipliers = problem.linear_solver(), found.pose.multipliers
     if multipliers is None:
         last = None if found.last is None else (found.last, problem.assembly.pattern)
         y = differentiable_minimum(energy, found.y, motions, linear_solver, last)
     else:
-        y, multipliers = differentiable_held(energy, found.y, multipliers, motions, linear_solver)
+        y, multipliers = differentiable_constrained(energy, found.y, multipliers, motions, linear_solver)
     if not posed:
         return rest, Pose(energy.state(y), multipliers=multipliers)
     return rest, pose_of(problem, energy, y, motions, multipliers)
@@ -77,7 +77,7 @@ def near(problem: Any, equilibrium: Equilibrium) -> tuple[RestShape, Pose]:
     rest = problem.rest_shape()
     energy, solver = problem.energy_of(rest), problem.linear_solver()
     y = problem.assembly.dofs.gather(equilibrium.unknowns)
-    motions, multipliers = frozen(problem.rigid_motions(energy)), equilibrium.multipliers
+    motions, multipliers = frozen(problem.rigid_modes(energy)), equilibrium.multipliers
     if multipliers is None:
         y = responding_minimum(energy, y, motions, solver)
     else:
@@ -98,7 +98,7 @@ def pose_of(
     problem: Any,
     energy: DiscreteEnergy,
     y: Float[Array, " n"],
-    motions: FreeMotions | None = None,
+    motions: RigidModes | None = None,
     multipliers: Float[Array, " m"] | None = None,
 ) -> Pose:
     """What [`shellkit.Equilibrium`][] reports of a shape.
@@ -109,11 +109,11 @@ def pose_of(
 
     - `energy`: as `discrete_energy` returns it.
     - `y`: the vector of free unknowns.
-    - `motions`: as `rigid_motions` returns them, if they are at hand.
+    - `motions`: as `rigid_modes` returns them, if they are at hand.
     - `multipliers`: of what is held exactly or by springs; `None` where nothing is.
     """
     at, dofs = energy.state(y), problem.assembly.dofs
-    energy = energy if multipliers is None else energy.held_by(multipliers)
+    energy = energy if multipliers is None else energy.with_multipliers(multipliers)
     reactions, moments = None, energy.held_moments(y)
     if dofs.free is not None:
         held = energy.full_gradient(y).at[dofs.free].set(0.0)
@@ -121,7 +121,7 @@ def pose_of(
     if problem.supports is None:
         # The pose is that nearest to the start: no net translation or rotation of the displacement.
         vertices = brought_back = Kabsch()(at.vertices, problem.mesh.vertices)
-        motions = problem.rigid_motions(energy) if motions is None else motions
+        motions = problem.rigid_modes(energy) if motions is None else motions
         if motions is not None and motions.hindrances is not None:
             vertices = jnp.where(frozen(motions).are_free(jax.lax.stop_gradient(y)), brought_back, at.vertices)
         at = with_parts(at, vertices=vertices)

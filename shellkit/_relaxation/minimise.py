@@ -13,11 +13,12 @@ from .._programs.tracing import with_parts
 from .._solve.linear.base import AbstractSparseSolver, LastFactor
 from .._solve.linear.bordered import BorderedSolver
 from .._solve.matrices.operator import SparseSymmetric
-from .._solve.newton.newton import AbstractNewton, SparseNewton
+from .._solve.newton.core import NewtonState
+from .._solve.newton.newton import SparseNewton
 from .._solve.newton.objective import MixedForm, Objective
-from .._solve.null_space import held_still
-from .augmented_lagrangian import Held, relax_held
-from .rigid_modes import FreeMotions
+from .._solve.null_space import gauged_hessian
+from .augmented_lagrangian import ConstrainedState, relax_constrained
+from .rigid_modes import RigidModes
 
 
 FOLDED = 179.0  # degrees: a hinge beyond is folded flat
@@ -40,7 +41,7 @@ class End(eqx.Module):
 def minimised(
     energy: DiscreteEnergy,
     y: Float[Array, " n"],
-    motions: FreeMotions | None,
+    motions: RigidModes | None,
     length: Scalar,
     solver: optx.AbstractMinimiser,
     linear_solver: AbstractSparseSolver,
@@ -57,41 +58,39 @@ def minimised(
     - `solver`, `max_steps`: the minimiser and its limit.
     - `linear_solver`: that looks at the Hessian where the minimiser does not.
     """
-    if isinstance(solver, AbstractNewton):
-        state, steps = solver.core.minimise(objective_of(energy, motions, length), y, max_steps)
-        point, last = state.best, state.factor
-        assert isinstance(last, LastFactor)  # of a sparse matrix: nothing is held here
-        result = optx.RESULTS.where(jnp.all(jnp.isfinite(y)), state.result, optx.RESULTS.nonfinite)
-        stable = result == optx.RESULTS.successful
-        return End(point.y, point.value, point.gradient, steps, state.factorisations, stable, result, last)
     options = minimiser_options(energy, motions, length)
     solution = optx.minimise(lambda y, _: energy(y), solver, y, options=options, max_steps=max_steps, throw=False)
+    steps = solution.stats["num_steps"]
+    if isinstance(solution.state, NewtonState):
+        state, result = solution.state, solution.result
+        point, last, stable = state.best, state.factor, result == optx.RESULTS.successful
+        assert isinstance(last, LastFactor)  # of a sparse matrix: there are no constraints here
+        return End(point.y, point.value, point.gradient, steps, state.factorisations, stable, result, last)
     value, gradient = energy.value_and_gradient(solution.value)
     hessian = energy.hessian(solution.value)
     assert isinstance(hessian, SparseSymmetric)  # constraints are for SparseNewton, as was checked
-    hessian, _, _ = held_still(hessian, motions, solution.value)
+    hessian, _, _ = gauged_hessian(hessian, motions, solution.value)
     factor = linear_solver.factorise(hessian)
     stable = factor.ok & (factor.negative <= 0)
-    steps, one = solution.stats["num_steps"], jnp.ones((), jnp.int32)
-    return End(solution.value, value, gradient, steps, one, stable, solution.result)
+    return End(solution.value, value, gradient, steps, jnp.ones((), jnp.int32), stable, solution.result)
 
 
-def minimised_held(
+def minimised_constrained(
     energy: DiscreteEnergy,
     y: Float[Array, " n"],
     multipliers: Float[Array, " m"] | None,
-    motions: FreeMotions | None,
+    motions: RigidModes | None,
     length: Scalar,
     solver: SparseNewton,
     max_steps: int,
-) -> tuple[End, Held]:
+) -> tuple[End, ConstrainedState]:
     """The minimum of an energy with its quantities at their values; also how it was found. See [`minimised`][]."""
     newton = with_parts(solver.core, linear_solver=BorderedSolver(solver.linear_solver))
-    held = relax_held(newton, lambda e: objective_of(e, motions, length), energy, y, multipliers, max_steps)
+    found = relax_constrained(newton, lambda e: objective_of(e, motions, length), energy, y, multipliers, max_steps)
     result = optx.RESULTS.where(
-        held.settled | (held.result != optx.RESULTS.successful), held.result, optx.RESULTS.nonlinear_divergence
+        found.settled | (found.result != optx.RESULTS.successful), found.result, optx.RESULTS.nonlinear_divergence
     )
-    return End(held.y, held.value, held.gradient, held.steps, held.factorisations, held.settled, result), held
+    return End(found.y, found.value, found.gradient, found.steps, found.factorisations, found.settled, result), found
 
 
 class Feasible(eqx.Module):
@@ -122,10 +121,10 @@ class Folded(eqx.Module):
         return jnp.max(jnp.abs(angles)) > jnp.deg2rad(FOLDED)
 
 
-def objective_of(energy: DiscreteEnergy, motions: FreeMotions | None, length: Scalar) -> Objective:
+def objective_of(energy: DiscreteEnergy, motions: RigidModes | None, length: Scalar) -> Objective:
     """An energy as a Newton method is told of it."""
     # A shell that only stretches has no narrow valleys.
-    bends = energy.faces is not None and energy.faces.form is not None and energy.quantities is None
+    bends = energy.faces is not None and energy.faces.form is not None and energy.constraints is None
     return Objective(
         value_and_gradient=energy.value_and_gradient,
         derivatives=energy.derivatives,
@@ -138,6 +137,6 @@ def objective_of(energy: DiscreteEnergy, motions: FreeMotions | None, length: Sc
     )
 
 
-def minimiser_options(energy: DiscreteEnergy, motions: FreeMotions | None, length: Scalar) -> dict[str, Any]:
+def minimiser_options(energy: DiscreteEnergy, motions: RigidModes | None, length: Scalar) -> dict[str, Any]:
     """What a minimiser of optimistix is told of an energy beside its value."""
     return {"objective": objective_of(energy, motions, length)}

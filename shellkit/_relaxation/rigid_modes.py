@@ -17,7 +17,7 @@ _HINDERED = 1e-13  # of the largest eigenvalue of what hinders motions: below it
 _SAMPLES = 6  # one term may resist as many motions
 
 
-class FreeMotions(eqx.Module):
+class RigidModes(eqx.Module):
     """A space of rigid motions about a fixed centre, as fields on the free unknowns of a scene.
 
     Which combinations of the six motions leave the supports alone changes as the shell slides on them: they are found
@@ -33,7 +33,7 @@ class FreeMotions(eqx.Module):
     count: int = eqx.field(static=True)
 
     def __call__(self, y: Float[Array, " n"]) -> Float[Array, "n k"]:
-        """The motions at free unknowns `y`, one a column. Held unknowns are in none of them."""
+        """The motions at free unknowns `y`, one per column. ConstrainedState unknowns are in none of them."""
         fields, free = self._fields_and_free(y)
         if free is not None:
             # Eigenvalues ascend: the first motions are those that nothing hinders.
@@ -84,7 +84,7 @@ def _turns(vertices: Float[Array, "V 3"], edges: Int[Array, "m 2"]) -> Float[Arr
     return jnp.concatenate([jnp.zeros_like(along), along / jnp.linalg.norm(along, axis=1, keepdims=True)], axis=1)
 
 
-def free_motions(energy: DiscreteEnergy, mesh: Mesh, supports: Supports | None, count: int) -> FreeMotions | None:
+def rigid_modes(energy: DiscreteEnergy, mesh: Mesh, supports: Supports | None, count: int) -> RigidModes | None:
     """The rigid motions that no support hinders and no term resists, where they are now; `None` if there is none.
 
     Functions of the fundamental forms resist none. Other terms are asked: a motion is free if their gradient does no
@@ -95,7 +95,7 @@ def free_motions(energy: DiscreteEnergy, mesh: Mesh, supports: Supports | None, 
     - `energy`: of the scene.
     - `mesh`: the surface at rest.
     - `supports`: what is held; `None` for nothing.
-    - `count`: how many the supports leave at most, see `count_motions`.
+    - `count`: how many the supports leave at most, see `count_rigid_modes`.
     """
     if count == 0:
         return None
@@ -105,16 +105,16 @@ def free_motions(energy: DiscreteEnergy, mesh: Mesh, supports: Supports | None, 
     units = jnp.concatenate([jnp.ones(3), jnp.ones(3) / size])
     held = clamped = None
     if supports is not None:
-        held = energy.held
+        held = energy.prescribed
         if energy.faces is not None and energy.faces.form is not None:
             # What feels the normals of edges cannot turn about those that are held.
             edges = jnp.concatenate([part.held_edges(mesh) for part in supports.parts()])
             clamped = mesh.edges[edges] if len(edges) else None
     hindrances = _work_on_motions(energy, mesh, centre, units)
-    return FreeMotions(centre, hindrances, units, energy.assembly.dofs, held, clamped, count)
+    return RigidModes(centre, hindrances, units, energy.assembly.dofs, held, clamped, count)
 
 
-def count_motions(mesh: Mesh, supports: Supports | None, bends: bool) -> int:
+def count_rigid_modes(mesh: Mesh, supports: Supports | None, bends: bool) -> int:
     """How many rigid motions supports leave free at most, at rest or where they lead; found on the host.
 
     All six where it is not known, as positions are traced: those that are hindered then come as zeros.
@@ -161,7 +161,7 @@ def _work_on_motions(
 ) -> Float[Array, "m 6"] | None:
     """Work of each term's gradient on the six motions, at generic shapes, relative to the size of its forces; `None`
     where no term may resist any."""
-    measures = () if energy.quantities is None else energy.quantities.measures
+    measures = () if energy.constraints is None else energy.constraints.measures
     asked = [elements.engaged() for elements in (*energy.elements, *measures)]
     if not asked:
         return None

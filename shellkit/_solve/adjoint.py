@@ -13,7 +13,7 @@ from .._programs.tracing import frozen
 from .linear.base import AbstractDirectSolver, AbstractSparseSolver, LastFactor
 from .linear.bordered import Bordered, BorderedSolver
 from .matrices.pattern import SymmetricPattern
-from .null_space import held_still, project_out, solve_held
+from .null_space import gauged_hessian, project_out, pseudo_inverse_solve
 
 
 _RESIDUAL = 1e-13  # at which the solution of the adjoint system is taken as exact
@@ -96,13 +96,13 @@ def _solve(
     product = lambda direction: jax.jvp(energy.gradient, (y,), (direction,))[1]
     there = jax.lax.stop_gradient(y)
     hessian = frozen(energy).hessian(there)
-    still, basis, _ = held_still(hessian, motions, there)
+    still, basis, _ = gauged_hessian(hessian, motions, there)
 
     def anew(rhs: Float[Array, " n"]) -> Float[Array, " n"]:
         """With a factor of this very Hessian, in a step or two."""
         factor, first = linear_solver.factorise_and_solve(still, rhs)
         first = project_out(basis, first)
-        precondition = lambda residual: solve_held(linear_solver, factor, basis, residual, checked=False)
+        precondition = lambda residual: pseudo_inverse_solve(linear_solver, factor, basis, residual, checked=False)
         if isinstance(linear_solver, AbstractDirectSolver):
             # What its solution leaves is a few roundings; taken away once more, those of the matrix are left.
             left = project_out(basis, rhs - hessian.mv(first))
@@ -116,7 +116,7 @@ def _solve(
         """With the last one, unless that takes longer."""
         left, pattern = last
         factor = left.factor(pattern)
-        precondition = lambda residual: solve_held(linear_solver, factor, basis, residual, checked=False)
+        precondition = lambda residual: pseudo_inverse_solve(linear_solver, factor, basis, residual, checked=False)
         found = _conjugate_gradients(hessian.mv, precondition, rhs, precondition(rhs), _patience(len(rhs)))
         return jax.lax.cond(found.solved, lambda: found.x, lambda: anew(rhs))
 

@@ -51,7 +51,7 @@ def project_out(basis: Float[Array, "n k"] | None, vector: Float[Array, " n"]) -
     return vector if basis is None else vector - basis @ (basis.T @ vector)
 
 
-def solve_held(
+def pseudo_inverse_solve(
     linear_solver: Any,
     factor: Factor | BorderedFactor,
     basis: Float[Array, "n k"] | None,
@@ -71,7 +71,7 @@ def solve_held(
     return project_out(basis, linear_solver.solve(factor, project_out(basis, rhs), checked))
 
 
-def coordinates_to_hold(basis: Float[Array, "n k"]) -> Int[Array, " k"]:
+def gauge_coordinates(basis: Float[Array, "n k"]) -> Int[Array, " k"]:
     """One coordinate for each motion, such that no combination of the motions leaves them all in place.
 
     Greedy pivoting: hold the coordinate that moves most, then go on with the motions that leave it in place. For a
@@ -93,7 +93,7 @@ def coordinates_to_hold(basis: Float[Array, "n k"]) -> Int[Array, " k"]:
     return jax.lax.fori_loop(0, count, hold, start)[1]
 
 
-def held_still(
+def gauged_hessian(
     operator: Operator, motions: Callable[[Array], Array] | None, y: Float[Array, " n"]
 ) -> tuple[Operator, Float[Array, "n k"] | None, Int[Array, " k"] | None]:
     """The operator with springs on as many coordinates as motions cost nothing at `y`, an orthonormal basis of these,
@@ -101,7 +101,7 @@ def held_still(
     if motions is None:
         return operator, None, None
     basis = orthonormal(motions(y))
-    held = coordinates_to_hold(basis)
+    held = gauge_coordinates(basis)
     # Or what makes the matrix would be compiled into each use of it, and done twice.
     operator = jax.lax.optimization_barrier(operator)
     return operator.gauged(held, operator.size_of_diagonal()), basis, held

@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 from .._programs.tracing import frozen
 from .linear.base import AbstractSparseSolver
 from .linear.bordered import BorderedSolver
-from .null_space import held_still, solve_held
+from .null_space import gauged_hessian, pseudo_inverse_solve
 
 
 def responding_minimum(
@@ -24,7 +24,7 @@ def responding_minimum(
 
     $$y - H(y)^{+} \nabla E(y; \theta)$$
 
-    with $y$ and $H$ not differentiated: a step of Newton's from the minimum, so it does not move, but its derivative is
+    with $y$ and $H$ not differentiated: a Newton step from the minimum, so it does not move, but its derivative is
     the implicit one. Under `jax.linearize` all but the sweep is done once, and the sweep's residual is not looked at,
     which makes it cheaper than `differentiable_minimum` when many products are wanted at one design. Second derivatives
     would be wrong.
@@ -42,11 +42,11 @@ def responding_minimum(
     """
     y = jax.lax.stop_gradient(y)
     hessian = frozen(energy).hessian(y)
-    still, basis, _ = held_still(hessian, motions, y)
+    still, basis, _ = gauged_hessian(hessian, motions, y)
     factor = linear_solver.factorise(still)
 
     def solve(_, rhs):
-        return solve_held(linear_solver, factor, basis, rhs)
+        return pseudo_inverse_solve(linear_solver, factor, basis, rhs)
 
     correction = jax.lax.custom_linear_solve(hessian.mv, energy.gradient(y), solve, symmetric=True)
     # Not by a choice between both, whose derivative would be zero.

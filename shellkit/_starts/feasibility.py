@@ -92,7 +92,7 @@ def feasibility(
 
     - `mesh`: the surface at rest.
     - `target`: where each vertex should go, shape `(V, 3)`. Its pose does not matter.
-    - `thickness`: of the shell, one number or one a face, in the unit of the mesh.
+    - `thickness`: of the shell, one number or one per face, in the unit of the mesh.
     - `form`: how the energy's bending term measures curvature.
 
     **Returns:**

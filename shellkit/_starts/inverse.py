@@ -28,7 +28,7 @@ def bilayer_inverse(
 
     - `mesh`: the surface at rest.
     - `target`: where each vertex should go. Its pose does not matter.
-    - `thickness`: of the shell, one number or one a face.
+    - `thickness`: of the shell, one number or one per face.
     - `form`: how the energy's bending term measures curvature.
 
     **Returns:**
@@ -77,9 +77,9 @@ def nematic_start(
 
     - `mesh`: the surface at rest.
     - `target`: where each vertex should go. Its pose does not matter.
-    - `thickness`: of the shell, one number or one a face.
-    - `stretch`: of the material along its director, one number or one a face; by default the best one of each face and
-        layer.
+    - `thickness`: of the shell, one number or one per face.
+    - `stretch`: of the material along its director, one number or one per face; by default the best one of each face
+        and layer.
     - `form`: how the energy's bending term measures curvature.
 
     **Returns:**

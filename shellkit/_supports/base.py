@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
 from .._geometry.forms import director_signs
-from .._geometry.patches import Continuation
+from .._geometry.patches import ClampedSide
 from .._mesh.mesh import Mesh
 from .._programs.tracing import is_traced
 
@@ -64,7 +64,7 @@ class Supports(eqx.Module):
         return _combine(self.parts(), mesh)[0]
 
     def held(self, mesh: Mesh, n_directors: int) -> Bool[np.ndarray, " N"]:
-        """Which unknowns are held: three coordinates a vertex, in the frame of `frames`, then one director angle an
+        """Which unknowns are held: three coordinates per vertex, in the frame of `frames`, then one director angle an
         edge.
 
         Found once on the host; not to be called inside `jit`.
@@ -99,7 +99,7 @@ class Supports(eqx.Module):
             stations.append((projectors, np.asarray(_held_positions(self.on(mesh), mesh))))
         return stations
 
-    def continuation(self, mesh: Mesh) -> Continuation | None:
+    def continuation(self, mesh: Mesh) -> ClampedSide | None:
         """How the surface goes on beyond the edges whose normal is held; `None` if there is none."""
         held = [(part.held_edges(mesh), part) for part in self.parts()]
         held = [(edges, part) for edges, part in held if len(edges)]
@@ -112,7 +112,7 @@ class Supports(eqx.Module):
             arms = arms.at[edges].set(part.arms(mesh))
         sides = mesh.face_edges.T
         # Its second face sees the same edge normal, and the edge run the other way.
-        return Continuation(listed[sides], director_signs(mesh)[:, None] * jnp.moveaxis(arms[sides], -1, 1))
+        return ClampedSide(listed[sides], director_signs(mesh)[:, None] * jnp.moveaxis(arms[sides], -1, 1))
 
 
 class SumOfSupports(Supports):
@@ -237,7 +237,7 @@ def _refuse_conflict(part: SingleSupport, mesh: Mesh, gap: np.ndarray) -> None:
 
 
 def _frames(projectors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """An orthonormal frame a vertex, as rows, in which coordinates are either held or free, and which of them are held.
+    """An orthonormal frame per vertex, as rows, in which coordinates are either held or free, and which are held.
 
     It is that of space wherever space's axes will do.
     """

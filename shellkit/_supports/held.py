@@ -40,7 +40,7 @@ class Pinned(SingleSupport):
             from the positions at rest, shape (V, 3), to a mask.
         - `positions`: where to hold them, shape (n, 3), in the order of the indices (ascending for a mask); by default
             where they are at rest. In the unit of the mesh.
-        - `displacement`: instead of `positions`, how far to move them from there: one vector, or one a vertex.
+        - `displacement`: instead of `positions`, how far to move them from there: one vector, or one per vertex.
 
         Along a path of the supports, vertices move on straight lines.
 

@@ -45,7 +45,7 @@ class Sliding(SingleSupport):
             from the positions at rest, shape (V, 3), to a mask.
         - `normal`: of the planes: `"x"`, `"y"`, `"z"` or a vector of any length.
         - `along`: instead, the direction of the lines.
-        - `displacement`: by what planes or lines are moved: one vector, or one a vertex. Its part within them has no
+        - `displacement`: by what planes or lines are moved: one vector, or one per vertex. Its part within them has no
             effect.
 
         Along a path of the supports, planes and lines move evenly.
@@ -181,7 +181,7 @@ class Symmetry(SingleSupport):
 
 
 def _direction(owner: str, name: str, value: str | Numbers) -> Direction:
-    """A unit vector. It says what is held, which does not change once a problem is built: hence no array."""
+    """A unit vector. It says what is held, which does not change once per problem is built: hence no array."""
     if isinstance(value, str) and value not in _AXES:
         raise ValueError(f"{owner}: {name} is {value!r}; give 'x', 'y', 'z' or a vector.")
     vector = np.array(_AXES[value] if isinstance(value, str) else value, dtype=float)

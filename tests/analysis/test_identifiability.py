@@ -43,7 +43,7 @@ def found():
 
 @pytest.fixture(scope="module")
 def relaxed(found):
-    """The shapes after some changes of the 160 angles, one a row of a square matrix."""
+    """The shapes after some changes of the 160 angles, one per row of a square matrix."""
 
     @jax.jit
     def shapes(moves):

@@ -46,10 +46,10 @@ def test_a_plane_resists_three_motions_and_a_sphere_three():
     sphere = sk.SphereContact([0.0, 0.0, -50.0], 1.0, stiffness=1.0, softness=0.1)
     at_rest = MESH.vertices.reshape(-1)
     for term, count in ((plane, 3), (sphere, 3)):
-        motions = sk.InverseProblem(mesh=MESH, thickness=0.1, energy=ENERGY + term).rigid_motions()
+        motions = sk.InverseProblem(mesh=MESH, thickness=0.1, energy=ENERGY + term).rigid_modes()
         assert motions is not None
         assert np.count_nonzero(np.any(np.asarray(motions(at_rest)), axis=0)) == count
-    motions = sk.InverseProblem(mesh=MESH, thickness=0.1, energy=ENERGY + plane).rigid_motions()
+    motions = sk.InverseProblem(mesh=MESH, thickness=0.1, energy=ENERGY + plane).rigid_modes()
     fields = np.asarray(motions(at_rest)).reshape(MESH.n_vertices, 3, 6)
     # Translations in the plane and the rotation about its normal: nothing moves along it.
     assert np.abs(fields[:, 2]).max() < 1e-9

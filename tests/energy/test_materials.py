@@ -200,7 +200,7 @@ def test_cross_ply_strip_couples_pull_and_curl():
 
 
 def test_fields_of_moduli_and_thickness():
-    """Everything one number a face is the sum over faces of everything one number."""
+    """Everything one number per face is the sum over faces of everything one number."""
     rng = np.random.default_rng(0)
     some = jnp.asarray(rng.uniform(0.5, 2.0, PATCH.n_faces))
     problem = sk.InverseProblem(

@@ -139,7 +139,7 @@ def test_sheet_on_a_foundation_sinks_by_load_over_stiffness():
     equilibrium = problem()
     assert equilibrium.converged
     unknowns = problem.assembly.dofs.gather(Unknowns(sheet.vertices))
-    assert not np.any(problem.rigid_motions()(unknowns))
+    assert not np.any(problem.rigid_modes()(unknowns))
     # A vertex's share of load and of springs is its area alike, so that it sinks evenly.
     np.testing.assert_allclose(
         equilibrium.vertices - sheet.vertices, jnp.zeros((20, 3)).at[:, 2].set(-0.0025), atol=1e-12

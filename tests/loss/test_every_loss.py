@@ -66,7 +66,7 @@ TRACES = []
 
 @eqx.filter_jit
 def evaluated(loss, equilibrium, actuation):
-    """All that a loss says, compiled once a scene."""
+    """All that a loss says, compiled once per scene."""
     TRACES.append(loss.name)
     parts = (equilibrium, actuation)
     return loss(*parts), loss.residuals(*parts), loss.evaluate(*parts)

@@ -10,7 +10,7 @@ import shellkit as sk
 from shellkit._solve.matrices.pattern import SymmetricPattern
 from shellkit._solve.newton.objective import Objective
 from shellkit._solve.newton.plain import PlainNewton
-from shellkit._solve.null_space import coordinates_to_hold, orthonormal
+from shellkit._solve.null_space import gauge_coordinates, orthonormal
 
 
 def dense_hessian(function, n):
@@ -134,6 +134,6 @@ def test_every_direct_solver(solver):
 def test_held_coordinates_stop_every_motion():
     motions = jnp.asarray(np.random.default_rng(0).normal(size=(30, 6)))
     basis = orthonormal(motions)
-    held = coordinates_to_hold(basis)
+    held = gauge_coordinates(basis)
     assert len(set(held.tolist())) == 6
     assert np.linalg.cond(basis[held]) < 100

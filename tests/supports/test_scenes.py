@@ -115,7 +115,7 @@ def test_moments_are_what_turning_a_clamp_takes(directors):
         energy = problem.discrete_energy()
         arms = lambda e: e.faces.continuation.arms
         turned = jnp.einsum("ab,ibf->iaf", now, arms(energy))
-        vertices = problem.assembly.dofs.unpack(energy.held).vertices
+        vertices = problem.assembly.dofs.unpack(energy.prescribed).vertices
         held = problem.assembly.dofs.pack(Unknowns(vertices @ now.T))
         return eqx.tree_at(lambda e: (e.held, arms(e)), energy, (held, turned))(y)
 

@@ -25,9 +25,9 @@ def clamped():
 
 
 def test_supports_that_hold_normals_let_nothing_turn_about_them():
-    assert clamped().rigid_motions() is None
+    assert clamped().rigid_modes() is None
     kept = rollup.wide("X", 6)
-    motions = kept.rigid_motions()
+    motions = kept.rigid_modes()
     assert motions is not None
     unknowns = kept.assembly.dofs.gather(Unknowns(kept.mesh.vertices))
     # Along x and z, and about y.

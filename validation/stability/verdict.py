@@ -62,7 +62,7 @@ def judge(case: Case) -> Verdict:
 
 
 def _free_motions(problem: sk.InverseProblem, equilibrium: sk.Equilibrium) -> int:
-    motions = problem.rigid_motions()
+    motions = problem.rigid_modes()
     if motions is None:
         return 0
     return int(np.count_nonzero(np.any(motions(problem.assembly.dofs.gather(equilibrium.unknowns)), axis=0)))

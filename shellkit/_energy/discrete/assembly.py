@@ -188,7 +188,7 @@ def _check_stencil(name: str, stencil: np.ndarray, mesh: Mesh) -> None:
 
 
 def _first_unknown(nodes: np.ndarray, n_vertices: int) -> np.ndarray:
-    """The first unknown of each node: three a vertex, then one an edge."""
+    """The first unknown of each node: three per vertex, then one an edge."""
     return np.where(nodes < n_vertices, 3 * nodes, 2 * n_vertices + nodes)
 
 

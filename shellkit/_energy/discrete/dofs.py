@@ -99,9 +99,9 @@ class DofMap(eqx.Module):
         """The free ones among all unknowns."""
         return vector if self.free is None else vector[self.free]
 
-    def extend(self, free: Float[Array, " n"], held: Float[Array, " N"]) -> Float[Array, " N"]:
-        """All unknowns: the free ones as given, the others from `held`."""
-        return free if self.free is None else held.at[self.free].set(free)
+    def extend(self, free: Float[Array, " n"], prescribed: Float[Array, " N"]) -> Float[Array, " N"]:
+        """All unknowns: the free ones as given, the others from `prescribed`."""
+        return free if self.free is None else prescribed.at[self.free].set(free)
 
     def gather(self, unknowns: Unknowns) -> Float[Array, " n"]:
         """The vector of free unknowns."""

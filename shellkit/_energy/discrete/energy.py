@@ -4,7 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Scalar
 
-from ..._geometry.patches import Continuation
+from ..._geometry.patches import ClampedSide
 from ..._mesh.mesh import Mesh
 from ..._rest import RestShape
 from ..._solve.linear.bordered import Bordered
@@ -12,10 +12,10 @@ from ..._solve.matrices.operator import SparseSymmetric
 from ..base import AbstractEnergy, EnergyTerm
 from ..terms import Terms
 from .assembly import Assembly
+from .constraint_set import Constraints
 from .convexity import FaceHessians
 from .elements import Elements
 from .faces import FaceEnergies, FaceState
-from .quantities import Quantities
 from .unknowns import Unknowns
 
 
@@ -29,9 +29,9 @@ class DiscreteEnergy(eqx.Module):
     assembly: Assembly
     faces: FaceEnergies | None
     elements: tuple[Elements, ...]
-    quantities: Quantities | None  # what is held of the whole shell; None for nothing
+    constraints: Constraints | None  # what is held of the whole shell; None for nothing
     moments: Float[Array, " E"] | None  # on the edge normals, where directors are free; None for none
-    held: Float[Array, " N"]
+    prescribed: Float[Array, " N"]
 
     def __init__(
         self,
@@ -39,14 +39,14 @@ class DiscreteEnergy(eqx.Module):
         mesh: Mesh,
         rest: RestShape,
         assembly: Assembly,
-        held: Float[Array, " N"],
-        continuation: Continuation | None = None,
+        prescribed: Float[Array, " N"],
+        continuation: ClampedSide | None = None,
     ):
         """**Arguments:**
 
         - `energy`, `mesh`, `rest`: what is measured, where, and against what.
         - `assembly`: the numbering of this energy on this mesh.
-        - `held`: all unknowns; those that are not free keep these values.
+        - `prescribed`: all unknowns; those that are not free keep these values.
         - `continuation`: how the surface goes on beyond edges whose normal is held.
         """
         terms, dofs = Terms.of(energy), assembly.dofs
@@ -61,13 +61,13 @@ class DiscreteEnergy(eqx.Module):
             for (weight, term), stencil in zip(terms.elements, assembly.stencils[:n], strict=True)
         )
         constraints = [constraint for _, constraint in terms.constraints]
-        self.quantities = Quantities.of(constraints, assembly.stencils[n:], mesh, rest)
+        self.constraints = Constraints.of(constraints, assembly.stencils[n:], mesh, rest)
         self.moments = _director_moments(terms.elements, mesh) if dofs.n_directors else None
-        self.held = held
+        self.prescribed = prescribed
 
     def state(self, y: Float[Array, " n"]) -> Unknowns:
         """Positions and directors at the free unknowns `y`."""
-        return self.assembly.dofs.unpack(self.assembly.dofs.extend(y, self.held))
+        return self.assembly.dofs.unpack(self.assembly.dofs.extend(y, self.prescribed))
 
     def __call__(self, y: Float[Array, " n"]) -> Scalar:
         at = self.state(y)
@@ -76,8 +76,8 @@ class DiscreteEnergy(eqx.Module):
             total = total + self.faces.energy(at)
         for elements in self.elements:
             total = total + elements.energy(at.vertices)
-        if self.quantities is not None:
-            total = total + self.quantities.energy(self.quantities.gaps(at.vertices))
+        if self.constraints is not None:
+            total = total + self.constraints.energy(self.constraints.residuals(at.vertices))
         if self.moments is not None and at.directors is not None:
             total = total - self.moments @ at.directors
         return total
@@ -142,29 +142,29 @@ class DiscreteEnergy(eqx.Module):
         total, pulled, second = (jnp.zeros(()), None, None) if on_faces is None else on_faces
         total, gradient = self._with_elements(total, pulled, at)
         on_elements = [elements.hessian(vertices) for elements in self.elements]
-        held = self.quantities
-        if held is not None:
-            forces = held.forces(held.gaps(vertices))
-            curvatures = [measure.hessian(vertices) for measure in held.measures]
+        constraints = self.constraints
+        if constraints is not None:
+            forces = constraints.forces(constraints.residuals(vertices))
+            curvatures = [measure.hessian(vertices) for measure in constraints.measures]
             on_elements += [None if c is None else f * c for f, c in zip(forces, curvatures, strict=True)]
         hessian = self.assembly.matrix(second, tuple(on_elements))
         convexification = Convexification(self.assembly, second, tuple(on_elements))
-        if held is not None:
-            hessian = Bordered(hessian, self.rows(y), 1 / held.penalties, eliminated=True)
+        if constraints is not None:
+            hessian = Bordered(hessian, self.constraint_jacobian(y), 1 / constraints.penalties, eliminated=True)
         return total, self.assembly.dofs.restrict(gradient), hessian, convexification
 
     def blank_hessian(self, y: Float[Array, " n"]) -> SparseSymmetric | Bordered:
         """A matrix of the structure of the Hessian in `derivatives`, of zeros."""
         blank = SparseSymmetric(self.assembly.pattern, jnp.zeros(self.assembly.pattern.nnz, y.dtype))
-        if self.quantities is None:
+        if self.constraints is None:
             return blank
-        m = len(self.quantities.targets)
+        m = len(self.constraints.targets)
         return Bordered(blank, jnp.zeros((m, len(y)), y.dtype), jnp.zeros(m, y.dtype), eliminated=True)
 
-    def rows(self, y: Float[Array, " n"]) -> Float[Array, "m n"]:
+    def constraint_jacobian(self, y: Float[Array, " n"]) -> Float[Array, "m n"]:
         """The gradients, in the free unknowns, of the quantities that are held."""
         vertices = self.state(y).vertices
-        measures = () if self.quantities is None else self.quantities.measures
+        measures = () if self.constraints is None else self.constraints.measures
         rows, absent = [], [None] * len(self.assembly.stencils)
         for k, measure in enumerate(measures):
             at = len(self.elements) + k
@@ -172,16 +172,18 @@ class DiscreteEnergy(eqx.Module):
             rows.append(self.assembly.dofs.restrict(self.assembly.vector(None, parts)))
         return jnp.stack(rows)
 
-    def gaps(self, y: Float[Array, " n"]) -> Float[Array, " m"]:
+    def constraint_residuals(self, y: Float[Array, " n"]) -> Float[Array, " m"]:
         """By how much the quantities that are held exceed their values."""
-        assert self.quantities is not None
-        return self.quantities.gaps(self.state(y).vertices)
+        assert self.constraints is not None
+        return self.constraints.residuals(self.state(y).vertices)
 
-    def held_by(self, multipliers: Float[Array, " m"], penalties: Float[Array, " m"] | None = None) -> "DiscreteEnergy":
+    def with_multipliers(
+        self, multipliers: Float[Array, " m"], penalties: Float[Array, " m"] | None = None
+    ) -> "DiscreteEnergy":
         """This energy with the quantities that are held under other forces, without a penalty by default."""
-        assert self.quantities is not None
+        assert self.constraints is not None
         penalties = jnp.zeros_like(multipliers) if penalties is None else penalties
-        return eqx.tree_at(lambda e: e.quantities, self, self.quantities.held_by(multipliers, penalties))
+        return eqx.tree_at(lambda e: e.constraints, self, self.constraints.with_multipliers(multipliers, penalties))
 
     def hessian(self, y: Float[Array, " n"]) -> SparseSymmetric | Bordered:
         """The Hessian in the free unknowns."""
@@ -203,11 +205,11 @@ class DiscreteEnergy(eqx.Module):
             value, gradient = elements.value_and_gradient(vertices)
             total = total + value
             gradients.append(gradient)
-        if self.quantities is not None:
-            measured = [measure.value_and_gradient(vertices) for measure in self.quantities.measures]
-            gaps = jnp.stack([value for value, _ in measured]) - self.quantities.targets
-            total = total + self.quantities.energy(gaps)
-            forces = self.quantities.forces(gaps)
+        if self.constraints is not None:
+            measured = [measure.value_and_gradient(vertices) for measure in self.constraints.measures]
+            residuals = jnp.stack([value for value, _ in measured]) - self.constraints.targets
+            total = total + self.constraints.energy(residuals)
+            forces = self.constraints.forces(residuals)
             gradients += [force * gradient for force, (_, gradient) in zip(forces, measured, strict=True)]
         if self.moments is not None and at.directors is not None:
             total = total - self.moments @ at.directors

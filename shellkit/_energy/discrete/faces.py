@@ -20,7 +20,7 @@ from ..._geometry.forms import (
 )
 from ..._geometry.patches import (
     SIGN,
-    Continuation,
+    ClampedSide,
     HingeGradients,
     Hinges,
     Triangles,
@@ -37,7 +37,7 @@ from .unknowns import Unknowns
 
 class FaceState(eqx.Module):
     """The intrinsic numbers of all faces and the derivatives of their energies in these, where a step has taken them to
-    first order: unknowns of their own, which agree with the positions once a relaxation has converged."""
+    first order: unknowns of their own, which agree with the positions once per relaxation has converged."""
 
     numbers: Float[Array, "k F"]
     stress: Float[Array, "k F"]
@@ -52,7 +52,7 @@ class FaceEnergies(eqx.Module):
 
     terms: tuple[tuple[Array | None, FormEnergy, PyTree[Array]], ...]
     mesh: Mesh
-    continuation: Continuation | None
+    continuation: ClampedSide | None
     form: CurvatureForm | None = eqx.field(static=True)
     director_length: Scalar | None
 

@@ -76,7 +76,7 @@ class SurfaceLoad(DeadLoad):
     def __init__(self, force: Numbers):
         """**Arguments:**
 
-        - `force`: per area, in units of pressure; one vector or one a face, shape (F, 3).
+        - `force`: per area, in units of pressure; one vector or one per face, shape (F, 3).
 
         **Raises:** `ValueError`, when a problem is built, for another shape, or what is not finite.
         """
@@ -101,7 +101,7 @@ class Gravity(DeadLoad):
     def __init__(self, density: Numbers, acceleration: Numbers = (0.0, 0.0, -9.81)):
         """**Arguments:**
 
-        - `density`: mass per volume, one number or one a face.
+        - `density`: mass per volume, one number or one per face.
         - `acceleration`: of free fall, a vector; by default in metres per second squared, so give it in your units.
 
         **Raises:** `ValueError`, when a problem is built, for another shape, or what is not finite.
@@ -129,7 +129,7 @@ class PointLoad(DeadLoad):
 
         - `vertices`: one index, indices of shape (n,), a mask of shape (V,), or a function from the positions at rest
             to a mask.
-        - `force`: one vector, which acts at each of the vertices, or one a vertex, shape (n, 3); in units of pressure
+        - `force`: one vector, which acts at each of the vertices, or one per vertex, shape (n, 3); in units of pressure
             times area.
 
         **Raises:** `ValueError`, when a problem is built, for a selection or a shape that does not fit, or what is not

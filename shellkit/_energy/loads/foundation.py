@@ -35,7 +35,7 @@ class Foundation(EnergyTerm):
     ):
         """**Arguments:**
 
-        - `stiffness`: force per displacement and area, one number or one a vertex.
+        - `stiffness`: force per displacement and area, one number or one per vertex.
         - `positions`: where the springs are fixed, shape (V, 3); by default at the vertices at rest.
         - `direction`: in which the springs act, a vector of any length; by default in all.
         - `vertices`: those that rest on it, as for [`shellkit.Pinned`][]; by default all.
@@ -57,7 +57,7 @@ class Foundation(EnergyTerm):
         self.on(mesh)
         if self.stiffness.shape not in ((), (mesh.n_vertices,)):
             raise ValueError(
-                f"Foundation: stiffness has shape {self.stiffness.shape}; give one number or one a vertex, shape "
+                f"Foundation: stiffness has shape {self.stiffness.shape}; give one number or one per vertex, shape "
                 f"({mesh.n_vertices},)."
             )
         bad = np.flatnonzero(~(np.atleast_1d(self.stiffness) >= 0) | ~np.isfinite(np.atleast_1d(self.stiffness)))
@@ -66,7 +66,7 @@ class Foundation(EnergyTerm):
             raise ValueError(f"Foundation: the stiffness{where} is negative or not finite.")
         if self.positions is not None and self.positions.shape != (mesh.n_vertices, 3):
             raise ValueError(
-                f"Foundation: positions has shape {self.positions.shape}; expected one a vertex, shape "
+                f"Foundation: positions has shape {self.positions.shape}; expected one per vertex, shape "
                 f"({mesh.n_vertices}, 3)."
             )
         if self.direction is not None and (self.direction.shape != (3,) or not np.any(self.direction)):

@@ -42,7 +42,7 @@ class Bending(FormEnergy):
     ):
         """**Arguments:**
 
-        - `alpha`, `beta`: half the plane-stress Lamé pair, in units of pressure; one number or one a face.
+        - `alpha`, `beta`: half the plane-stress Lamé pair, in units of pressure; one number or one per face.
         - `form`: how a hinge angle enters the curvature: `"sin"` (the source's, which saturates, so that strong
             actuation can fold a hinge flat), `"tan"` (which resists folding without bound) or `"theta"`.
         - `directors`: `"average"` or `"free"` edge normals.
@@ -68,8 +68,8 @@ class Bending(FormEnergy):
 
         **Arguments:**
 
-        - `young`: Young's modulus, in units of pressure; one number or one a face.
-        - `poisson`: Poisson's ratio; one number or one a face.
+        - `young`: Young's modulus, in units of pressure; one number or one per face.
+        - `poisson`: Poisson's ratio; one number or one per face.
         - `form`, `directors`: as above.
         """
         return cls(*lame_halves(young, poisson), form=form, directors=directors)

@@ -37,7 +37,7 @@ class IncompressibleNeoHookean(FormEnergy):
     def __init__(self, shear: float | Array):
         """**Arguments:**
 
-        - `shear`: the modulus $\\mu$, in units of pressure; one number or one a face.
+        - `shear`: the modulus $\\mu$, in units of pressure; one number or one per face.
 
         **Raises:** `ValueError`, when a problem is built, for a shape that does not fit the mesh.
         """
@@ -49,7 +49,7 @@ class IncompressibleNeoHookean(FormEnergy):
 
         **Arguments:**
 
-        - `young`: Young's modulus, in units of pressure; one number or one a face.
+        - `young`: Young's modulus, in units of pressure; one number or one per face.
         """
         return cls(jnp.asarray(young, dtype=float) / 3)
 

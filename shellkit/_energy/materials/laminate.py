@@ -34,7 +34,7 @@ class Ply(eqx.Module):
     ):
         r"""**Arguments:**
 
-        - `angle`: of the grain, in radians from the first edge of each face on the mesh. One number or one a face, as
+        - `angle`: of the grain, in radians from the first edge of each face on the mesh. One number or one per face, as
             all here.
         - `along`, `across`: Young's moduli, in units of pressure.
         - `poisson`: the contraction across the grain per stretch along it.

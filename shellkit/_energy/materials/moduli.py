@@ -20,10 +20,10 @@ def lame_halves(young: float | Array, poisson: float | Array) -> tuple[Array, Ar
 
 
 def check_modulus(term: str, name: str, value: Array, mesh: Mesh) -> None:
-    """Refuse a modulus that is neither one number nor one a face, or not finite."""
+    """Refuse a modulus that is neither one number nor one per face, or not finite."""
     if value.shape not in ((), (mesh.n_faces,)):
         raise ValueError(
-            f"{term}: {name} has shape {value.shape}; give one number or one a face, shape ({mesh.n_faces},)."
+            f"{term}: {name} has shape {value.shape}; give one number or one per face, shape ({mesh.n_faces},)."
         )
     if not isinstance(value, Tracer) and not np.all(np.isfinite(value)):
         raise ValueError(f"{term}: {name} is not finite.")

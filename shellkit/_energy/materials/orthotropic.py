@@ -112,7 +112,7 @@ class OrthotropicStretching(FormEnergy):
         r"""**Arguments:**
 
         - `angle`: of the grain, in radians from the first edge of each face on the mesh; see
-            [`shellkit.director_angles`][]. One number or one a face, as all here.
+            [`shellkit.director_angles`][]. One number or one per face, as all here.
         - `along`, `across`: Young's moduli $E_1$ and $E_2$, in units of pressure.
         - `poisson`: $\nu_{12}$, the contraction across the grain per stretch along it.
         - `shear`: the modulus $G$, in units of pressure.
@@ -165,7 +165,7 @@ class OrthotropicBending(FormEnergy):
     ):
         r"""**Arguments:**
 
-        - `angle`: of the grain, in radians from the first edge of each face on the mesh. One number or one a face, as
+        - `angle`: of the grain, in radians from the first edge of each face on the mesh. One number or one per face, as
             all of the constants.
         - `along`, `across`: Young's moduli $E_1$ and $E_2$, in units of pressure.
         - `poisson`: $\nu_{12}$, the contraction across the grain per stretch along it.

@@ -38,7 +38,7 @@ class StVenantKirchhoff(FormEnergy):
     def __init__(self, alpha: float | Array, beta: float | Array):
         """**Arguments:**
 
-        - `alpha`, `beta`: half the plane-stress Lamé pair, in units of pressure; one number or one a face.
+        - `alpha`, `beta`: half the plane-stress Lamé pair, in units of pressure; one number or one per face.
 
         **Raises:** `ValueError`, when a problem is built, for a shape that does not fit the mesh.
         """
@@ -51,8 +51,8 @@ class StVenantKirchhoff(FormEnergy):
 
         **Arguments:**
 
-        - `young`: Young's modulus, in units of pressure; one number or one a face.
-        - `poisson`: Poisson's ratio; one number or one a face.
+        - `young`: Young's modulus, in units of pressure; one number or one per face.
+        - `poisson`: Poisson's ratio; one number or one per face.
         """
         return cls(*lame_halves(young, poisson))
 
@@ -95,7 +95,7 @@ class NeoHookean(FormEnergy):
     def __init__(self, bulk: float | Array, shear: float | Array):
         """**Arguments:**
 
-        - `bulk`, `shear`: $K$ and $\\mu$, in units of pressure; one number or one a face.
+        - `bulk`, `shear`: $K$ and $\\mu$, in units of pressure; one number or one per face.
 
         **Raises:** `ValueError`, when a problem is built, for a shape that does not fit the mesh.
         """
@@ -108,8 +108,8 @@ class NeoHookean(FormEnergy):
 
         **Arguments:**
 
-        - `young`: Young's modulus, in units of pressure; one number or one a face.
-        - `poisson`: Poisson's ratio; one number or one a face.
+        - `young`: Young's modulus, in units of pressure; one number or one per face.
+        - `poisson`: Poisson's ratio; one number or one per face.
         """
         alpha, beta = lame_halves(young, poisson)
         return cls(bulk=8 * (alpha + beta), shear=8 * beta)

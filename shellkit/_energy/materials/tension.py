@@ -52,7 +52,7 @@ class TensionField(FormEnergy):
     def __init__(self, alpha: float | Array, beta: float | Array, residual: float | Array = 0.0):
         """**Arguments:**
 
-        - `alpha`, `beta`: half the plane-stress Lamé pair, in units of pressure; one number or one a face.
+        - `alpha`, `beta`: half the plane-stress Lamé pair, in units of pressure; one number or one per face.
         - `residual`: the part of StVK's energy that is kept whether taut or not, 0 to 1. 1e-3 steadies slack regions.
         """
         self.alpha = jnp.asarray(alpha, dtype=float)
@@ -65,8 +65,8 @@ class TensionField(FormEnergy):
 
         **Arguments:**
 
-        - `young`: Young's modulus, in units of pressure; one number or one a face.
-        - `poisson`: Poisson's ratio; one number or one a face.
+        - `young`: Young's modulus, in units of pressure; one number or one per face.
+        - `poisson`: Poisson's ratio; one number or one per face.
         - `residual`: as above.
         """
         return cls(*lame_halves(young, poisson), residual=residual)

@@ -13,7 +13,7 @@ import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int, Scalar
 
 from ..._programs.tracing import with_parts
-from ..null_space import coordinates_to_hold, orthonormal, project_out
+from ..null_space import gauge_coordinates, orthonormal, project_out
 from .corrections import Corrections
 from .descent import descend
 from .line_search import LineSearch
@@ -180,7 +180,7 @@ class Newton(eqx.Module):
         unit = hessian.size_of_diagonal()
         rhs = project_out(basis, -expansion.gradient)
         if basis is not None:
-            hessian = hessian.gauged(coordinates_to_hold(basis), unit)
+            hessian = hessian.gauged(gauge_coordinates(basis), unit)
         if self.shift is None or state.shift is None:
             factor, solution = self.linear_solver.factorise_and_solve(hessian, rhs)
             found = Factorised(factor, solution, jnp.zeros(()), jnp.ones((), jnp.int32))

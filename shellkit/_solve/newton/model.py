@@ -8,7 +8,7 @@ from jaxtyping import Array, Bool, Float, Int, Scalar
 from ..linear.base import Factor, LastFactor
 from ..linear.bordered import BorderedFactor
 from ..matrices.operator import SparseSymmetric
-from ..null_space import solve_held
+from ..null_space import pseudo_inverse_solve
 from .objective import Hessian
 
 
@@ -60,4 +60,4 @@ class Model(eqx.Module):
 
     def solve(self, rhs: Float[Array, " n"]) -> Float[Array, " n"]:
         """The inverse of the matrix on a vector. It is not checked: a direction that is none shows in the energy."""
-        return solve_held(self.linear_solver, self.factor, self.basis, rhs, checked=False)
+        return pseudo_inverse_solve(self.linear_solver, self.factor, self.basis, rhs, checked=False)

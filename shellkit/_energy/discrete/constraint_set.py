@@ -14,11 +14,11 @@ from ..constraints import Constraint
 from .elements import Elements
 
 
-class Quantities(eqx.Module):
-    r"""Quantities $s$ with gaps $c = s - s_0$, and the energy $\sum -p\,c + \tfrac12 k\,c^2$ by which they are held.
+class Constraints(eqx.Module):
+    r"""Quantities $s$ with residuals $c = s - s_0$, and the energy that holds them, $\sum -p\,c + \tfrac12 k\,c^2$.
 
-    Springs have their own stiffness $k$ and no multiplier $p$. Those held exactly start with neither, and are then
-    lent both while the multiplier is sought.
+    Springs have their own stiffness $k$ and no multiplier $p$. Those held exactly start with neither, and are
+    given estimates of both while the multiplier is sought.
     """
 
     measures: tuple[Elements, ...]
@@ -48,18 +48,18 @@ class Quantities(eqx.Module):
             exact=tuple(constraint.stiffness is None for constraint in constraints),
         )
 
-    def held_by(self, multipliers: Float[Array, " m"], penalties: Float[Array, " m"]) -> "Quantities":
+    def with_multipliers(self, multipliers: Float[Array, " m"], penalties: Float[Array, " m"]) -> "Constraints":
         """The same quantities, held by other forces."""
         return eqx.tree_at(lambda q: (q.multipliers, q.penalties), self, (multipliers, penalties))
 
-    def gaps(self, vertices: Float[Array, "V 3"]) -> Float[Array, " m"]:
+    def residuals(self, vertices: Float[Array, "V 3"]) -> Float[Array, " m"]:
         """By how much each exceeds its value."""
         return jnp.stack([measure.energy(vertices) for measure in self.measures]) - self.targets
 
-    def energy(self, gaps: Float[Array, " m"]) -> Scalar:
+    def energy(self, residuals: Float[Array, " m"]) -> Scalar:
         """Of the forces that hold them."""
-        return jnp.sum((0.5 * self.penalties * gaps - self.multipliers) * gaps)
+        return jnp.sum((0.5 * self.penalties * residuals - self.multipliers) * residuals)
 
-    def forces(self, gaps: Float[Array, " m"]) -> Float[Array, " m"]:
+    def forces(self, residuals: Float[Array, " m"]) -> Float[Array, " m"]:
         """The derivative of that energy in each gap."""
-        return self.penalties * gaps - self.multipliers
+        return self.penalties * residuals - self.multipliers
