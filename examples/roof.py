@@ -49,7 +49,7 @@ def main() -> None:
     options = parser.parse_args()
 
     problem, middle = roof(4 if options.quick else options.cells, options.thickness)
-    branch = sk.trace(problem, path=sk.ArcLength(first=0.1, steps=8 if options.quick else 60))
+    branch = sk.continue_path(problem, path=sk.ArcLength(first=0.1, steps=8 if options.quick else 60))
     load = np.asarray(branch.progress)
     down = np.array([float(problem.mesh.vertices[middle, 2] - e.vertices[middle, 2]) for e in branch.equilibria])
     print(branch)

@@ -152,6 +152,7 @@ from ._path import (
     DistinctEquilibria as DistinctEquilibria,
     Path as Path,
     Ramp as Ramp,
+    continue_path as continue_path,
     distinct_equilibria as distinct_equilibria,
     follow as follow,
     relax as relax,
@@ -174,7 +175,7 @@ from ._starts import (
     feasibility as feasibility,
     nematic_start as nematic_start,
 )
-from ._solve.linear.choose import direct_solver as direct_solver
+from ._solve.linear.choose import direct_solver as direct_solver, linear_solver as linear_solver
 from ._solve.linear.cholmod import Cholmod as Cholmod
 from ._solve.linear.iterative import ConjugateGradients as ConjugateGradients
 from ._solve.newton.corrections import Corrections as Corrections

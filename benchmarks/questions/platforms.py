@@ -35,7 +35,7 @@ def measure(subdivisions: int, solver: str | None, runs: int) -> dict:
         first, second = lambda energy, y: energy.value_and_gradient(y), lambda energy, y: energy.derivatives(y)[:3]
         figures = kernels(problem, {"gradient": first, "derivatives": second}, runs)
     else:
-        method = sk.SparseNewton(linear_solver=sk.direct_solver(solver))
+        method = sk.SparseNewton(linear_solver=sk.linear_solver(solver))
         equilibrium, record = profile(relaxed, eqx.tree_at(lambda p: p.solver, problem, method), runs=runs)
         figures = record | ending(equilibrium)
     return figures | {"device": jax.devices()[0].device_kind, "n_vertices": mesh.n_vertices, "n_faces": mesh.n_faces}

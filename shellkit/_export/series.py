@@ -37,7 +37,7 @@ def write_series(
 
     - `path`: where to; it ends in `.pvd`. The folder of the vtu files lies beside it.
     - `frames`: a [`shellkit.Path`][] from [`shellkit.follow`][], its progress being the time; a [`shellkit.Branch`][]
-        from [`shellkit.trace`][], counted; [`shellkit.Snapshots`][] of a fit, with the number of their step; a
+        from [`shellkit.continue_path`][], counted; [`shellkit.Snapshots`][] of a fit, with the number of their step; a
         [`shellkit.FitResult`][], which has only its best design; or a list of equilibria, counted.
     - `problem`: for stress and directors; of a fit, each frame has its own.
     - `times`: one for each frame, rising, in the place of those.

@@ -8,7 +8,7 @@ from importlib import metadata
 
 import jax
 
-from .._solve.linear.choose import default_direct_solver, installed_solvers
+from .._solve.linear.choose import default_linear_solver, installed_solvers
 from .distribution import __version__
 
 
@@ -60,7 +60,7 @@ def about() -> About:
     return About(
         versions={"shellkit": __version__, "Python": platform.python_version()}
         | {name: _version(name) for name in _DEPENDENCIES},
-        solver=_or_error(lambda: type(default_direct_solver()).__name__),
+        solver=_or_error(lambda: type(default_linear_solver()).__name__),
         solvers=installed_solvers(),
         devices=_or_error(lambda: ", ".join(f"{device.platform}: {device.device_kind}" for device in jax.devices())),
         x64=bool(jax.config.read("jax_enable_x64")),

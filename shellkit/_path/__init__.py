@@ -3,6 +3,7 @@
 from .arc_length import ArcLength as ArcLength
 from .arc_length import Branch as Branch
 from .arc_length import CriticalPoint as CriticalPoint
+from .arc_length import continue_path as continue_path
 from .arc_length import switch_branch as switch_branch
 from .arc_length import trace as trace
 from .distinct import DistinctEquilibria as DistinctEquilibria

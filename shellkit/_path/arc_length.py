@@ -8,13 +8,14 @@ from typing import Any
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Int, Scalar
 
 from .._energy import DiscreteEnergy, Unknowns
 from .._equilibrium import Diagnostics, Equilibrium
 from .._geometry.surface import edge_lengths
 from .._problem.problem import InverseProblem
+from .._programs.renamed import formerly
+from .._programs.tracing import is_traced
 from .._relaxation.augmented_lagrangian import Stationary, padded
 from .._solve.linear.bordered import Bordered, BorderedSolver
 from .._solve.null_space import gauged_hessian, pseudo_inverse_solve
@@ -124,7 +125,7 @@ class _Point(eqx.Module):
     gradient_norm: Scalar
 
 
-def trace(
+def continue_path(
     problem: InverseProblem, path: ArcLength | None = None, start: Equilibrium | None = None, end: float = 1.0
 ) -> Branch:
     """Follow equilibria from none of actuation, loads and prescribed motion to all of them, wherever the path leads.
@@ -171,13 +172,16 @@ def trace(
     here = _corrected(problem, y, zero, none, jnp.ones(()), jnp.ones(()))
     if not here.converged:
         raise ValueError(
-            "trace: there is no equilibrium at the start, with nothing of the load on. Relax problem.at(0.0), and give "
-            "the result as start."
+            "continue_path: there is no equilibrium at the start, with nothing of the load on. Relax problem.at(0.0), "
+            "and give the result as start."
         )
     weight = jnp.sum((_shape(problem, here.along) / here.progress_along) ** 2)
     here = _corrected(problem, here.y, here.progress, here.along, here.progress_along, weight)
     here = _towards(here, here.progress_along)
     return _walk(problem, path, here, weight, path.first / here.progress_along, end)
+
+
+trace = formerly("trace", continue_path)
 
 
 def switch_branch(
@@ -394,5 +398,7 @@ def _equilibrium(problem: InverseProblem, point: _Point) -> Equilibrium:
 
 
 def _check(problem: InverseProblem, start: Equilibrium | None) -> None:
-    if any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves((problem, start))):
-        raise ValueError("trace takes as many steps as the path needs, so it cannot be traced by JAX: use relax.")
+    if is_traced((problem, start)):
+        raise ValueError(
+            "continue_path takes as many steps as the path needs, so it cannot be traced by JAX: use relax."
+        )

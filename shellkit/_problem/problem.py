@@ -22,7 +22,7 @@ from .._relaxation.relaxed import Relaxed, Start
 from .._relaxation.rigid_modes import RigidModes, rigid_modes
 from .._rest import RestShape, checked_rest_lengths
 from .._solve.linear.base import AbstractSparseSolver
-from .._solve.linear.choose import default_direct_solver
+from .._solve.linear.choose import default_linear_solver
 from .._solve.matrices.operator import SparseSymmetric
 from .._solve.newton.newton import SparseNewton
 from .._solve.newton.plain import PlainNewton
@@ -391,7 +391,7 @@ class InverseProblem(eqx.Module):
     def linear_solver(self) -> AbstractSparseSolver:
         """What solves the sparse systems behind derivatives and modes: that of [`shellkit.SparseNewton`][], or the best
         one installed where another minimiser relaxes the shell."""
-        return self.solver.linear_solver if isinstance(self.solver, SparseNewton) else default_direct_solver()
+        return self.solver.linear_solver if isinstance(self.solver, SparseNewton) else default_linear_solver()
 
     def posed(
         self,

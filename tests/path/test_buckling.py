@@ -38,7 +38,7 @@ def test_a_strip_buckles_as_euler_says():
     errors = []
     for cells in ((8, 2), (16, 4)):
         problem = strip(cells)
-        straight = sk.trace(problem, sk.ArcLength(first=0.4))
+        straight = sk.continue_path(problem, sk.ArcLength(first=0.4))
         assert straight.complete and int(straight.negative[-1]) == 1
         (point,) = straight.critical
         assert point.kind == "bifurcation"

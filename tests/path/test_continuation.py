@@ -49,7 +49,7 @@ def force(half_span, height, z):
 @pytest.fixture(scope="module")
 def shallow():
     greatest = force(2.0, 1.0, 1 / np.sqrt(3))
-    return greatest, sk.trace(truss(2.0, 1.0, 1.5 * greatest), sk.ArcLength(first=0.05, steps=100))
+    return greatest, sk.continue_path(truss(2.0, 1.0, 1.5 * greatest), sk.ArcLength(first=0.05, steps=100))
 
 
 def test_a_shallow_roof_is_followed_through_both_its_limit_points(shallow):
@@ -79,7 +79,7 @@ def test_a_steep_roof_leans_over_at_a_bifurcation():
     half, height = 1.0, 2.0
     greatest = force(half, height, height / np.sqrt(3))
     problem = truss(half, height, 1.2 * greatest)
-    branch = sk.trace(problem, sk.ArcLength(first=0.05, steps=100))
+    branch = sk.continue_path(problem, sk.ArcLength(first=0.05, steps=100))
     assert branch.complete
     kinds = [point.kind for point in branch.critical]
     assert kinds == ["bifurcation", "limit point", "limit point", "bifurcation"]
@@ -127,7 +127,7 @@ def radii(branch):
 
 
 def test_a_balloon_that_is_filled_passes_its_greatest_pressure():
-    branch = sk.trace(balloon(sk.Inflation(6.0)), sk.ArcLength(first=0.1))
+    branch = sk.continue_path(balloon(sk.Inflation(6.0)), sk.ArcLength(first=0.1))
     assert branch.complete and not branch.critical
     rho = radii(branch)
     np.testing.assert_allclose(rho**3, 1 + 5 * branch.progress, rtol=1e-9)
@@ -141,7 +141,7 @@ def test_a_balloon_filled_through_a_spring_snaps_where_it_should():
     """The fluid wanted, V₀ = V + p(V)/k, has a greatest and a least value on the way: limit points that are known."""
     stiffness, most = 0.012 * UNIT / VOLUME, 60.0
     wanted = lambda rho: rho**3 + pressure(rho) / stiffness / VOLUME
-    branch = sk.trace(
+    branch = sk.continue_path(
         balloon(sk.VolumeConstraint(most * VOLUME, stiffness=stiffness)), sk.ArcLength(first=0.02, longest=3.0)
     )
     np.testing.assert_allclose(wanted(radii(branch)), 1 + (most - 1) * branch.progress, rtol=1e-9)
@@ -156,6 +156,6 @@ def test_a_balloon_filled_through_a_spring_snaps_where_it_should():
 def test_refusals():
     problem = truss(2.0, 1.0, 0.1)
     with pytest.raises(ValueError, match="cannot be traced by JAX"):
-        eqx.filter_jit(lambda p: sk.trace(p).progress)(problem)
+        eqx.filter_jit(lambda p: sk.continue_path(p).progress)(problem)
     with pytest.raises(ValueError, match="must be positive"):
         sk.ArcLength(first=0.0)

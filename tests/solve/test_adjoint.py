@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 import shellkit as sk
 from shellkit._solve.adjoint import differentiable_minimum
 from shellkit._solve.linear.base import LastFactor
-from shellkit._solve.linear.choose import default_direct_solver
+from shellkit._solve.linear.choose import default_linear_solver
 from shellkit._solve.matrices.pattern import SymmetricPattern
 
 
@@ -50,7 +50,7 @@ def chain():
 
 
 def derivative(chain, y, direction, last):
-    solver = default_direct_solver()
+    solver = default_linear_solver()
     return jax.jvp(
         lambda force: differentiable_minimum(Chain.of(force), y, None, solver, last), (chain.force,), (direction,)
     )[1]
@@ -67,7 +67,7 @@ def test_whatever_factor_is_left(chain, off):
     last = None
     if off is not None:
         near = y + off * jax.random.normal(jax.random.key(1), (N,))
-        last = kept(default_direct_solver().factorise(chain.hessian(near)))
+        last = kept(default_linear_solver().factorise(chain.hessian(near)))
     exact = np.linalg.solve(chain.hessian(y).as_matrix(), direction)
     found = derivative(chain, y, direction, last)
     assert np.linalg.norm(found - exact) < 1e-11 * np.linalg.norm(exact)
@@ -75,7 +75,7 @@ def test_whatever_factor_is_left(chain, off):
 
 def test_factor_overwritten_by_that_of_another_matrix(chain):
     chain, y = chain
-    solver = default_direct_solver()
+    solver = default_linear_solver()
     direction = jax.random.normal(jax.random.key(0), (N,))
     last = kept(solver.factorise(chain.hessian(y)))
     jax.block_until_ready(solver.factorise(chain.hessian(100 * jnp.flip(y) + 7)).negative)
@@ -93,8 +93,8 @@ def test_singular_hessian_gives_no_number(chain):
 
     slack = Slack(chain.force, chain.pattern, chain.positions)
     y = jnp.zeros(N)
-    last = kept(default_direct_solver().factorise(chain.hessian(y)))
-    solver = default_direct_solver()
+    last = kept(default_linear_solver().factorise(chain.hessian(y)))
+    solver = default_linear_solver()
     moved = jax.jvp(
         lambda force: differentiable_minimum(eqx.tree_at(lambda c: c.force, slack, force), y, None, solver, last),
         (chain.force,),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from shellkit._solve.linear.cholmod import Cholmod
-from shellkit._solve.linear.choose import default_direct_solver, direct_solver
+from shellkit._solve.linear.choose import default_linear_solver, linear_solver
 from shellkit._solve.linear.pardiso import Pardiso
 from shellkit._solve.linear.superlu import SuperLU
 from shellkit._solve.matrices.operator import SparseSymmetric
@@ -360,13 +360,13 @@ def test_shapes_and_operators_are_checked(solver):
 
 def test_choice_of_solver(monkeypatch):
     monkeypatch.delenv("SHELLKIT_SOLVER", raising=False)
-    assert isinstance(direct_solver("superlu"), SuperLU)
+    assert isinstance(linear_solver("superlu"), SuperLU)
     with pytest.raises(ValueError, match=r"no solver 'umfpack'.*'pardiso'"):
-        direct_solver("umfpack")
+        linear_solver("umfpack")
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "pardiso_mkl_jax" else name)
     with pytest.raises(ImportError, match="pip install pardiso-mkl-jax"):
-        direct_solver("pardiso")
+        linear_solver("pardiso")
     monkeypatch.setattr(jax, "default_backend", lambda: "cpu")
-    assert isinstance(default_direct_solver(), Cholmod)
+    assert isinstance(default_linear_solver(), Cholmod)
     monkeypatch.setenv("SHELLKIT_SOLVER", "superlu")
-    assert isinstance(default_direct_solver(), SuperLU)
+    assert isinstance(default_linear_solver(), SuperLU)

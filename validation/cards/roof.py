@@ -50,7 +50,7 @@ def roof(kind: Kind, cells: int, thickness: float) -> sk.InverseProblem:
 
 def path(problem: sk.InverseProblem) -> sk.Branch:
     """The equilibria up to the whole of the force."""
-    branch = sk.trace(problem, sk.ArcLength(first=0.1, steps=120))
+    branch = sk.continue_path(problem, sk.ArcLength(first=0.1, steps=120))
     if not branch.complete:
         raise RuntimeError(f"{problem.mesh.n_vertices} vertices: the path ended early\n{branch}")
     return branch

@@ -5,6 +5,7 @@ import os
 
 import jax
 
+from ..._programs.renamed import formerly
 from .base import AbstractSparseSolver
 from .cholmod import Cholmod
 from .iterative import ConjugateGradients
@@ -22,7 +23,7 @@ _SOLVERS = (
 _VARIABLE = "SHELLKIT_SOLVER"
 
 
-def direct_solver(name: str) -> AbstractSparseSolver:
+def linear_solver(name: str) -> AbstractSparseSolver:
     """The solver of that name, with its default settings.
 
     **Arguments:**
@@ -47,15 +48,18 @@ def direct_solver(name: str) -> AbstractSparseSolver:
     raise ValueError(f"there is no solver {name!r}: choose one of {names}")
 
 
-def default_direct_solver() -> AbstractSparseSolver:
+direct_solver = formerly("direct_solver", linear_solver)
+
+
+def default_linear_solver() -> AbstractSparseSolver:
     """The solver named by the environment variable `SHELLKIT_SOLVER`; else the first of `"pardiso"`, `"cholmod"` and
     `"superlu"` that is installed; on a GPU, where those would move every matrix to the host and back, `"cg"`.
     """
     if name := os.environ.get(_VARIABLE):
-        return direct_solver(name)
+        return linear_solver(name)
     if jax.default_backend() != "cpu":
-        return direct_solver("cg")
-    return direct_solver(next(name for name, there in installed_solvers().items() if there))
+        return linear_solver("cg")
+    return linear_solver(next(name for name, there in installed_solvers().items() if there))
 
 
 def installed_solvers() -> dict[str, bool]:

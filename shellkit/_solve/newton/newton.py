@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, PyTree, Scalar
 
 from ..._citation.papers import NOCEDAL_2006
 from ..linear.base import AbstractSparseSolver
-from ..linear.choose import default_direct_solver
+from ..linear.choose import default_linear_solver
 from .core import Newton, NewtonState
 from .corrections import Corrections
 from .line_search import LineSearch
@@ -155,7 +155,7 @@ class SparseNewton(AbstractNewton):
         self.atol = 0.0
         self.norm = optx.max_norm
         self.max_steps = max_steps
-        self.linear_solver = default_direct_solver() if linear_solver is None else linear_solver
+        self.linear_solver = default_linear_solver() if linear_solver is None else linear_solver
         self.shift = shift
         self.line_search = line_search
         self.corrections = corrections
