@@ -161,7 +161,8 @@ def continue_path(
         15 (1979), 529–551.
     """
     path = ArcLength() if path is None else path
-    _check(problem, start)
+    if is_traced((problem, start)):
+        raise ValueError("continue_path takes as many steps as it needs, so it cannot be traced by JAX: use relax.")
     y = problem.assembly.dofs.gather(Unknowns(problem.mesh.vertices) if start is None else start.unknowns)
     constraints = problem.discrete_energy().constraints
     if constraints is not None:
@@ -395,10 +396,3 @@ def _equilibrium(problem: InverseProblem, point: _Point) -> Equilibrium:
         (energy(y), point.gradient_norm, point.corrections, point.negative == 0),
     )
     return Equilibrium.of(now.mesh, now.rest_shape(), now.posed(energy, y, multipliers=multipliers), found)
-
-
-def _check(problem: InverseProblem, start: Equilibrium | None) -> None:
-    if is_traced((problem, start)):
-        raise ValueError(
-            "continue_path takes as many steps as the path needs, so it cannot be traced by JAX: use relax."
-        )
