@@ -54,6 +54,7 @@ REFINABLE = {
     "name",
     "director_fields",
     "engaged",
+    "longest_step",
     "accept",
     "refuse",
     "arrived",

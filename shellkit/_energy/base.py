@@ -124,6 +124,12 @@ class EnergyTerm(AbstractEnergy):
         edge itself; `None`, as for most, for none."""
         return None
 
+    def longest_step(self, start: Float[Array, "V 3"], step: Float[Array, "V 3"]) -> Scalar | None:
+        """The largest part of a step of all vertices that may be taken, for terms that must not be stepped over, such
+        as a barrier; anything from 1 on is all of it. `None`, as for most, for any step. A step that is too long is
+        halved until it is not."""
+        return None
+
     def engaged(self) -> "EnergyTerm":
         """This term where it acts: itself, unless it acts in a part of space only, as contact does. Asked which rigid
         motions it resists."""

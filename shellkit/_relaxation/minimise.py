@@ -1,5 +1,7 @@
 """The minimum of an energy, by Newton's method or another minimiser; with quantities of the whole shell held or not."""
 
+import functools
+import operator
 from typing import Any
 
 import equinox as eqx
@@ -94,18 +96,22 @@ def minimised_constrained(
 
 
 class Feasible(eqx.Module):
-    """Whether a step turns no face too far and crushes none: a line search that jumps over such states can fold the
-    shell."""
+    """Whether a step turns no face too far and crushes none, as a line search that jumps over such states can fold the
+    shell; and is not too long for any term of the energy."""
 
     energy: DiscreteEnergy
 
-    def __call__(self, y: Float[Array, " n"], y_new: Float[Array, " n"]) -> Array:
-        if self.energy.faces is None:
-            return jnp.array(True)
-        mesh = self.energy.faces.mesh
-        old, new = (Triangles(self.energy.state(at).vertices, mesh) for at in (y, y_new))
-        turn = jnp.sum(old.area_normal * new.area_normal, axis=0)
-        return jnp.all((turn > _TURN * old.twice_area * new.twice_area) & (new.twice_area > _SHRINK * old.twice_area))
+    def __call__(self, y: Float[Array, " n"], y_new: Float[Array, " n"]) -> Bool[Array, ""]:
+        start, end = (self.energy.state(at).vertices for at in (y, y_new))
+        longest = [elements.term.longest_step(start, end - start) for elements in self.energy.elements]
+        feasible = [length >= 1 for length in longest if length is not None]
+        if self.energy.faces is not None:
+            mesh = self.energy.faces.mesh
+            old, new = Triangles(start, mesh), Triangles(end, mesh)
+            turn = jnp.sum(old.area_normal * new.area_normal, axis=0)
+            kept = (turn > _TURN * old.twice_area * new.twice_area) & (new.twice_area > _SHRINK * old.twice_area)
+            feasible.append(jnp.all(kept))
+        return functools.reduce(operator.and_, feasible) if feasible else jnp.array(True)
 
 
 class Folded(eqx.Module):

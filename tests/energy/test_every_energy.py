@@ -8,6 +8,7 @@ import pytest
 
 import shellkit as sk
 from shellkit._energy import Assembly, DiscreteEnergy, FormEnergy, Unknowns
+from shellkit._relaxation.minimise import Feasible
 
 
 class Springs(sk.EnergyTerm):
@@ -211,3 +212,30 @@ def test_wrong_moduli_and_options_are_refused():
 
     with pytest.raises(ValueError, match=r"Outside\.stencil: element"):
         sk.InverseProblem(mesh=mesh, thickness=0.1, energy=Outside(jnp.asarray(1.0)))
+
+
+class Floor(sk.EnergyTerm):
+    """A weight above a floor at z = 0, through which it must not step."""
+
+    guarded: bool = eqx.field(static=True)
+
+    def stencil(self, mesh):
+        return jnp.arange(mesh.n_vertices)[:, None]
+
+    def element_energy(self, x, data):
+        return x[0, 2]
+
+    def longest_step(self, start, step):
+        if not self.guarded:
+            return None
+        falling = step[:, 2] < 0
+        return jnp.min(jnp.where(falling, -start[:, 2] / jnp.where(falling, step[:, 2], -1.0), jnp.inf))
+
+
+@pytest.mark.parametrize(("guarded", "allowed"), [(True, [True, False]), (False, [True, True])])
+def test_no_step_is_longer_than_a_term_allows(guarded, allowed):
+    mesh = MESHES["closed"]
+    y = (mesh.vertices + jnp.array([0.0, 0.0, 1.0 - jnp.min(mesh.vertices[:, 2])])).reshape(-1)
+    down = jnp.tile(jnp.array([0.0, 0.0, -1.0]), mesh.n_vertices)
+    admits = Feasible(build(Floor(guarded), mesh))
+    assert [bool(admits(y, y + length * down)) for length in (0.99, 1.01)] == allowed
