@@ -16,7 +16,7 @@ from shellkit._energy import Assembly
 from shellkit._relaxation.minimise import objective_of
 from shellkit._solve.linear import superlu
 from shellkit._solve.matrices.pattern import SymmetricPattern
-from shellkit._solve.newton.objective import Objective
+from shellkit._solve.newton.objective import NewtonObjective
 
 
 BALL = sk.meshes.icosphere(subdivisions=1)
@@ -91,7 +91,7 @@ def test_parts_of_the_solver_that_are_left_out_are_not_traced():
 
     def count(**parts):
         newton = sk.SparseNewton(linear_solver=superlu.SuperLU(), **parts).core
-        objective = Objective.from_options(lambda y, _: (jnp.sum(jnp.cosh(y)), None), None, {"hessian": hessian})
+        objective = NewtonObjective.from_options(lambda y, _: (jnp.sum(jnp.cosh(y)), None), None, {"hessian": hessian})
         return operations(lambda y: newton.minimise(objective, y, 9)[0].point.y, jnp.ones(2))
 
     whole = count()

@@ -59,7 +59,7 @@ def test_functions_of_a_user_are_never_taken_for_each_other():
 
     def module(rate):
         names = {"RATE": rate}
-        exec("def schedule(step):\n    return RATE / (1 + step)", names)
+        exec("def schedule(step):\n    return RATE / (1.0 + step.astype(float))", names)
         return names["schedule"]
 
     one, other = (first_like(optax.sgd(module(rate))) for rate in (0.1, 0.2))

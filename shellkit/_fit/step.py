@@ -10,7 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Scalar
 
-from .._energy import Unknowns
 from .._equilibrium import Equilibrium
 from .._problem.problem import InverseProblem
 from .._problem.states import Equilibria, States
@@ -154,15 +153,14 @@ def predict(design: Design, anchor: dict[str, Array], free: dict[str, Array], eq
         if isinstance(problem, InverseProblem | States):
             return problem.near(equilibrium).unknowns
         _, (_, found) = problem.objective(start=equilibrium)
-        return Unknowns(found.vertices, found.directors)
+        return found.vertices, found.directors
 
     step = jax.tree.map(jnp.subtract, free, anchor)
     shape_there, motion = jax.jvp(shape, (anchor,), (step,))
     moved = jax.tree.map(jnp.add, shape_there, motion)
     if isinstance(equilibrium, Equilibrium | Equilibria):
         return equilibrium.with_unknowns(moved)
-    parts = (moved.vertices, moved.directors)
-    return eqx.tree_at(lambda e: (e.vertices, e.directors), equilibrium, parts, is_leaf=lambda node: node is None)
+    return eqx.tree_at(lambda e: (e.vertices, e.directors), equilibrium, moved, is_leaf=lambda node: node is None)
 
 
 def _diagnostics(equilibrium: Any) -> dict[str, Scalar]:

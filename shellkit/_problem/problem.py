@@ -16,7 +16,7 @@ from .._loss import Loss
 from .._mesh.mesh import Mesh
 from .._programs.batching import in_turn
 from .._programs.precision import require_x64
-from .._programs.tracing import frozen, is_traced, with_parts
+from .._programs.tracing import frozen, is_traced, is_tracing, with_parts
 from .._relaxation.forward import assess, near, pose_of, relax, respond
 from .._relaxation.relaxed import Relaxed, Start
 from .._relaxation.rigid_modes import RigidModes, rigid_modes
@@ -243,8 +243,8 @@ class InverseProblem(eqx.Module):
         - `start`: as when the problem is called.
         """
         bare, solver, begin = self.asked(start)
-        traced = is_traced((bare, solver, begin))
-        found = in_turn(relax)(*frozen((bare, solver, begin))) if traced else relax(bare, solver, begin)
+        arguments = frozen((bare, solver, begin))
+        found = (in_turn(relax) if is_traced(arguments) else relax)(*arguments)
         if solver is self.solver or not found.stuck:
             return found
         after = Start(found.pose.unknowns, None)
@@ -260,7 +260,8 @@ class InverseProblem(eqx.Module):
         """
         self.origin.check(self.mesh, self.energy, self.supports)
         bare, begin, solver = with_parts(self, loss=None), Start.of(self.mesh, self.assembly, start), self.solver
-        if isinstance(solver, SparseNewton) and begin.multipliers is None and not is_traced((bare, begin)):
+        on_its_own = not is_traced((bare, begin)) and not is_tracing()
+        if on_its_own and isinstance(solver, SparseNewton) and begin.multipliers is None:
             # Few relaxations need all that it can do, which takes long to compile: they go on with it.
             solver = PlainNewton(solver)
         return bare, solver, begin

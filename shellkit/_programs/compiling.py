@@ -6,7 +6,7 @@ from typing import Any
 import equinox as eqx
 import jax
 
-from .tracing import is_traced
+from .tracing import is_traced, is_tracing
 
 
 # On a CPU, kernels made by XLA's emitter of before take a third less time to compile, and run 3 to 5 % longer. From JAX
@@ -27,11 +27,8 @@ class Program:
         self.__name__, self.__doc__ = function.__name__, function.__doc__
 
     def __call__(self, *arguments: Any) -> Any:
-        if is_traced(arguments):
-            return self._inside(*arguments)
-        # What is known is worked out at once, also where a transformation is at work: it is a constant there.
-        with jax.ensure_compile_time_eval():
-            return self._of(arguments)(*arguments)
+        # Known arguments may stand in a program that is traced for others: there the function is a part of that.
+        return (self._inside if is_tracing() else self._of(arguments))(*arguments)
 
     def lower(self, *arguments: Any) -> Any:
         """As that of `equinox.filter_jit`: traced and lowered, to be compiled."""

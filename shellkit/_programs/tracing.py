@@ -11,10 +11,17 @@ from jax.core import Tracer
 
 Tree = TypeVar("Tree")
 
+_NUMBER = np.float32(0.0)
+
 
 def is_traced(tree: Any) -> bool:
     """Whether any leaf is known to a transformation only."""
     return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(tree))
+
+
+def is_tracing() -> bool:
+    """Whether a program is being traced, of whatever arguments: all that is worked out becomes a part of it."""
+    return isinstance(jax.device_put(_NUMBER), Tracer)
 
 
 def frozen(tree: Tree) -> Tree:

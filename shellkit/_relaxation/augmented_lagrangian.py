@@ -16,7 +16,7 @@ from .._solve.adjoint import differentiable_minimum
 from .._solve.linear.base import AbstractSparseSolver
 from .._solve.linear.bordered import Bordered, BorderedFactor, BorderedSolver
 from .._solve.newton.core import Newton
-from .._solve.newton.objective import Objective
+from .._solve.newton.objective import NewtonObjective
 from .._solve.null_space import orthonormal, pseudo_inverse_solve
 
 
@@ -69,7 +69,7 @@ class ConstrainedState(eqx.Module):
 
 def relax_constrained(
     newton: Newton,
-    objective: Callable[[DiscreteEnergy], Objective],
+    objective: Callable[[DiscreteEnergy], NewtonObjective],
     energy: DiscreteEnergy,
     y: Float[Array, " n"],
     multipliers: Float[Array, " m"] | None,

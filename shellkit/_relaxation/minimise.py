@@ -17,7 +17,7 @@ from .._solve.linear.bordered import BorderedSolver
 from .._solve.matrices.operator import SparseSymmetric
 from .._solve.newton.core import NewtonState
 from .._solve.newton.newton import SparseNewton
-from .._solve.newton.objective import MixedForm, Objective
+from .._solve.newton.objective import MixedForm, NewtonObjective
 from .._solve.null_space import gauged_hessian
 from .augmented_lagrangian import ConstrainedState, relax_constrained
 from .rigid_modes import RigidModes
@@ -127,11 +127,11 @@ class Folded(eqx.Module):
         return jnp.max(jnp.abs(angles)) > jnp.deg2rad(FOLDED)
 
 
-def objective_of(energy: DiscreteEnergy, motions: RigidModes | None, length: Scalar) -> Objective:
+def objective_of(energy: DiscreteEnergy, motions: RigidModes | None, length: Scalar) -> NewtonObjective:
     """An energy as a Newton method is told of it."""
     # A shell that only stretches has no narrow valleys.
     bends = energy.faces is not None and energy.faces.form is not None and energy.constraints is None
-    return Objective(
+    return NewtonObjective(
         value_and_gradient=energy.value_and_gradient,
         derivatives=energy.derivatives,
         structure=energy.blank_hessian,

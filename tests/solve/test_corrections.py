@@ -8,7 +8,7 @@ import numpy as np
 import shellkit as sk
 from shellkit._solve.newton.corrections import Memory
 from shellkit._solve.newton.descent import descend
-from shellkit._solve.newton.objective import Objective
+from shellkit._solve.newton.objective import NewtonObjective
 from shellkit._solve.newton.points import Point, Step
 
 
@@ -62,7 +62,7 @@ def corrected(corrections, target=1e-11, regular=YES, scale=1.0):
     direction = -jnp.asarray(INVERSE) @ point.gradient
     size, slope = jnp.max(jnp.abs(direction)), point.gradient @ direction
     step = Step(point, direction, size, slope, regular, NO, NO)
-    objective = Objective(first, first, first, jnp.asarray(2.0))
+    objective = NewtonObjective(first, first, first, jnp.asarray(2.0))
     reached = descend(objective, step, sk.LineSearch(), corrections, solve, jnp.asarray(target))
     jax.effects_barrier()
     return reached, len(sweeps), y + direction

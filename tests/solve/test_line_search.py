@@ -7,7 +7,7 @@ import pytest
 
 import shellkit as sk
 from shellkit._solve.newton.descent import descend
-from shellkit._solve.newton.objective import Objective
+from shellkit._solve.newton.objective import NewtonObjective
 from shellkit._solve.newton.points import Point, Step
 
 
@@ -21,7 +21,7 @@ def refused(*_):
 def searched(value, start, direction, search=sk.LineSearch(), regular=YES, escaping=NO, mixed=NO, feasible=None):
     """Where a search along a direction ends, in one unknown of typical length 1."""
     first = value if isinstance(value, Pair) else jax.value_and_grad(lambda y: jnp.sum(value(y)))
-    objective = Objective(first, refused, refused, jnp.asarray(1.0), feasible)
+    objective = NewtonObjective(first, refused, refused, jnp.asarray(1.0), feasible)
     y, direction = jnp.asarray([start], dtype=float), jnp.reshape(direction, 1)
     point = Point.of(y, *first(y))
     size, slope = jnp.abs(direction[0]), point.gradient @ direction

@@ -8,7 +8,7 @@ import pytest
 
 import shellkit as sk
 from shellkit._solve.matrices.pattern import SymmetricPattern
-from shellkit._solve.newton.objective import Objective
+from shellkit._solve.newton.objective import NewtonObjective
 from shellkit._solve.newton.plain import PlainNewton
 from shellkit._solve.null_space import gauge_coordinates, orthonormal
 
@@ -89,7 +89,7 @@ def convex(y):
 
 def state_of(newton, function, start):
     start = jnp.asarray(start, dtype=float)
-    objective = Objective.from_options(
+    objective = NewtonObjective.from_options(
         lambda y, _: (function(y), None), None, {"hessian": dense_hessian(function, start.size)}
     )
     return newton.minimise(objective, start, 100)

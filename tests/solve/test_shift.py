@@ -7,7 +7,7 @@ import pytest
 
 import shellkit as sk
 from shellkit._solve.matrices.pattern import SymmetricPattern
-from shellkit._solve.newton.model import Model, kept
+from shellkit._solve.newton.model import QuadraticModel, kept
 from shellkit._solve.newton.points import Point, Reached, Step
 
 
@@ -81,7 +81,7 @@ def test_a_convex_model_needs_no_more_than_convexity():
 
 def following(before, tries=1, size=0.5, length=1.0, distrusted=False, lost=False, escaping=False):
     factor = SOLVER.factorise(diagonal(1.0, 1.0, 1.0))
-    model = Model(SOLVER, factor, None, RHS, jnp.asarray(before), jnp.asarray(tries), YES)
+    model = QuadraticModel(SOLVER, factor, None, RHS, jnp.asarray(before), jnp.asarray(tries), YES)
     start = Point.unevaluated(RHS)
     step = Step(start, RHS, jnp.asarray(size), jnp.asarray(-1.0), NO, jnp.asarray(escaping), NO)
     reached = Reached(start, jnp.asarray(length), NO)

@@ -18,8 +18,8 @@ from .corrections import Corrections
 from .descent import descend
 from .line_search import LineSearch
 from .mixed import MixedState, MixedSteps
-from .model import Factorised, KeptFactor, Model, kept, positive_definite
-from .objective import Expansion, Objective, StrainsAhead
+from .model import Factorised, KeptFactor, QuadraticModel, kept, positive_definite
+from .objective import Expansion, NewtonObjective, StrainsAhead
 from .points import Point, Reached, Step, choose
 from .saddle import SaddleEscape
 from .shift import Shift
@@ -92,7 +92,7 @@ class Newton(eqx.Module):
         return with_parts(self, shift=None, saddle_escape=None, mixed_steps=None, max_hopeless=None)
 
     def minimise(
-        self, objective: Objective, y: Float[Array, " n"], max_steps: int
+        self, objective: NewtonObjective, y: Float[Array, " n"], max_steps: int
     ) -> tuple[NewtonState, Int[Array, ""]]:
         """The state at the end, and the number of steps.
 
@@ -113,7 +113,7 @@ class Newton(eqx.Module):
 
         return jax.lax.while_loop(goes_on, step, (self.init(objective, y), jnp.zeros((), jnp.int32)))
 
-    def init(self, objective: Objective, y: Float[Array, " n"]) -> NewtonState:
+    def init(self, objective: NewtonObjective, y: Float[Array, " n"]) -> NewtonState:
         """The state before the first step, which evaluates where it stands, as every step does.
 
         **Arguments:**
@@ -137,7 +137,7 @@ class Newton(eqx.Module):
             stuck=no,
         )
 
-    def step(self, objective: Objective, state: NewtonState) -> NewtonState:
+    def step(self, objective: NewtonObjective, state: NewtonState) -> NewtonState:
         """One step.
 
         **Arguments:**
@@ -173,7 +173,7 @@ class Newton(eqx.Module):
             stuck=verdict.stuck,
         )
 
-    def _modelled(self, objective: Objective, state: NewtonState, expansion: Expansion) -> Model:
+    def _modelled(self, objective: NewtonObjective, state: NewtonState, expansion: Expansion) -> QuadraticModel:
         """The quadratic model of a step, in which motions that cost nothing are held."""
         hessian = expansion.hessian
         basis = None if objective.motions is None else orthonormal(objective.motions(state.point.y))
@@ -197,9 +197,11 @@ class Newton(eqx.Module):
                 once=jnp.array(False) if state.mixed is None else state.mixed.on,
             )
         step, definite = project_out(basis, found.solution), positive_definite(found.factor)
-        return Model(self.linear_solver, found.factor, basis, step, found.shift, found.tries, definite)
+        return QuadraticModel(self.linear_solver, found.factor, basis, step, found.shift, found.tries, definite)
 
-    def _proposed(self, objective: Objective, state: NewtonState, expansion: Expansion, model: Model) -> Step:
+    def _proposed(
+        self, objective: NewtonObjective, state: NewtonState, expansion: Expansion, model: QuadraticModel
+    ) -> Step:
         """The step to search along: that of the model, or one off a saddle."""
         direction, regular, no = model.step, model.definite, jnp.array(False)
         if state.escaping is not None and self.saddle_escape is not None:
@@ -222,7 +224,9 @@ class Newton(eqx.Module):
             mixed=no if state.mixed is None else state.mixed.on,
         )
 
-    def _judged(self, objective: Objective, state: NewtonState, model: Model, step: Step, reached: Reached) -> _Verdict:
+    def _judged(
+        self, objective: NewtonObjective, state: NewtonState, model: QuadraticModel, step: Step, reached: Reached
+    ) -> _Verdict:
         """What is made of a step."""
         unit = objective.length
         small, distrusted = step.size <= self.rtol * unit, reached.stalled
@@ -248,7 +252,7 @@ class Newton(eqx.Module):
         return _Verdict(settled, stuck, shift, hopeless)
 
 
-def _expanded(objective: Objective, state: NewtonState) -> tuple[Expansion, StrainsAhead | None]:
+def _expanded(objective: NewtonObjective, state: NewtonState) -> tuple[Expansion, StrainsAhead | None]:
     """The energy about a point, with its strains where mixed steps have them; and where a step takes those."""
     y, mixed = state.point.y, state.mixed
     if objective.mixed is None or mixed is None:

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Int, Scalar
 
 from .corrections import Correction, Corrections
 from .line_search import LineSearch, Onwards
-from .objective import Objective
+from .objective import NewtonObjective
 from .points import Point, Reached, Step, choose
 
 
@@ -29,7 +29,7 @@ class _Progress(eqx.Module):
 
 
 def descend(
-    objective: Objective,
+    objective: NewtonObjective,
     step: Step,
     line_search: LineSearch | None,
     corrections: Corrections | None,
@@ -63,7 +63,7 @@ def descend(
 class _Way(eqx.Module):
     """What `descend` is given, and one trial of it."""
 
-    objective: Objective
+    objective: NewtonObjective
     step: Step
     line_search: LineSearch | None
     corrections: Corrections | None

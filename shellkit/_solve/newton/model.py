@@ -45,7 +45,7 @@ class Factorised(eqx.Module):
     """How many shifts were tried."""
 
 
-class Model(eqx.Module):
+class QuadraticModel(eqx.Module):
     """A quadratic model and how to solve with its matrix."""
 
     linear_solver: Any

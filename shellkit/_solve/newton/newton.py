@@ -14,7 +14,7 @@ from .core import Newton, NewtonState
 from .corrections import Corrections
 from .line_search import LineSearch
 from .mixed import MixedSteps
-from .objective import Function, Objective
+from .objective import Function, NewtonObjective
 from .saddle import SaddleEscape
 from .shift import Shift
 
@@ -35,7 +35,7 @@ class AbstractNewton(optx.AbstractMinimiser):
         aux_struct: PyTree,
         tags: frozenset[object],
     ) -> NewtonState:
-        return self.core.init(Objective.from_options(fn, args, options), y)
+        return self.core.init(NewtonObjective.from_options(fn, args, options), y)
 
     def step(
         self,
@@ -46,7 +46,7 @@ class AbstractNewton(optx.AbstractMinimiser):
         state: NewtonState,
         tags: frozenset[object],
     ) -> tuple[Float[Array, " n"], NewtonState, Any]:
-        state = self.core.step(Objective.from_options(fn, args, options), state)
+        state = self.core.step(NewtonObjective.from_options(fn, args, options), state)
         return state.point.y, state, None
 
     def terminate(

@@ -39,7 +39,7 @@ class MixedForm(NamedTuple):
     `step -> ` the strains to which it leads."""
 
 
-class Objective(eqx.Module):
+class NewtonObjective(eqx.Module):
     """A function of one flat vector, and what a Newton method can make use of."""
 
     value_and_gradient: Callable[[Array], tuple[Scalar, Array]]
@@ -58,7 +58,7 @@ class Objective(eqx.Module):
     """`y -> ` whether no minimum can be found from there; `None` if nothing is known."""
 
     @classmethod
-    def from_options(cls, fn: Function, args: Any, options: dict[str, Any]) -> "Objective":
+    def from_options(cls, fn: Function, args: Any, options: dict[str, Any]) -> "NewtonObjective":
         """What a function and the options of `optimistix.minimise` say; see [`shellkit.SparseNewton`][]. An objective
         among these, as a relaxation has it, is taken as it is.
 

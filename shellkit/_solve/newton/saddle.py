@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float, Int, Scalar
 
 from ..._citation.papers import KNYAZEV_2001
-from .model import Model
+from .model import QuadraticModel
 from .points import Reached, Step
 
 
@@ -48,7 +48,7 @@ class SaddleEscape(eqx.Module):
     inverse_iterations: int = eqx.field(static=True, default=8)
     eigenvalue_steps: int = eqx.field(static=True, default=16)
 
-    def begins(self, model: Model, step: Step, reached: Reached, unit: Scalar) -> Bool[Array, ""]:
+    def begins(self, model: QuadraticModel, step: Step, reached: Reached, unit: Scalar) -> Bool[Array, ""]:
         """Whether a step has ended at a saddle, so that the next one leads off it.
 
         **Arguments:**

@@ -9,7 +9,7 @@ from jaxtyping import Array, Bool, Float, Int, Scalar
 
 from ..._citation.papers import GILL_1981, NOCEDAL_2006, TERAN_2005
 from ..matrices.operator import SparseSymmetric
-from .model import AnyFactor, Factorised, KeptFactor, Model, positive_definite, restored
+from .model import AnyFactor, Factorised, KeptFactor, QuadraticModel, positive_definite, restored
 from .objective import Convexification, Hessian
 from .points import Reached, Step
 
@@ -127,7 +127,7 @@ class Shift(eqx.Module):
 
     def after(
         self,
-        model: Model,
+        model: QuadraticModel,
         step: Step,
         reached: Reached,
         distrusted: Bool[Array, ""],
