@@ -2,14 +2,18 @@
 
 from collections.abc import Sequence
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix as optx
 from jax.core import Tracer
 from jaxtyping import Array, Int
 
+from .._actuation import Actuation
 from .._energy import AbstractEnergy, Terms
+from .._loss import Loss
 from .._mesh.mesh import Mesh
+from .._programs.tracing import is_traced
 from .._solve.newton.newton import SparseNewton
 
 
@@ -40,6 +44,16 @@ def check_constraints(energy: AbstractEnergy, solver: optx.AbstractMinimiser) ->
             )
         if weight is not None:
             raise ValueError(f"{name}: a constraint has no weight; give it a stiffness, or leave the weight out.")
+
+
+def check_loss(loss: Loss, mesh: Mesh, actuation: Actuation) -> None:
+    """Refuse a mesh or an actuation that a loss cannot be evaluated on. What can only be told from values is not asked
+    where they are traced."""
+    try:
+        loss.check(mesh, actuation)
+    except (jax.errors.ConcretizationTypeError, jax.errors.TracerArrayConversionError):
+        if not is_traced((loss, mesh, actuation)):
+            raise
 
 
 def check_one_curvature(energy: AbstractEnergy) -> None:

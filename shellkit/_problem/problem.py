@@ -27,7 +27,7 @@ from .._solve.matrices.operator import SparseSymmetric
 from .._solve.newton.newton import SparseNewton
 from .._solve.newton.plain import PlainNewton
 from .._supports import Supports
-from .checks import check_constraints, check_one_curvature, checked_thickness, refuse_held_moments
+from .checks import check_constraints, check_loss, check_one_curvature, checked_thickness, refuse_held_moments
 from .origin import Origin
 
 
@@ -128,7 +128,7 @@ class InverseProblem(eqx.Module):
         check_constraints(self.energy, self.solver)
         check_one_curvature(self.energy)
         if self.loss is not None:
-            self.loss.check(self.mesh, self.actuation.on(self.mesh))
+            check_loss(self.loss, self.mesh, self.actuation.on(self.mesh))
 
     def replace(self, **parts: Any) -> "InverseProblem":
         """This problem built anew with other parts, given by the names that they have when a problem is built.
@@ -313,7 +313,9 @@ class InverseProblem(eqx.Module):
     def _assessed(self, equilibrium: Equilibrium) -> tuple[Scalar, tuple[dict[str, Scalar], Equilibrium]]:
         if self.loss is None:
             raise ValueError("This InverseProblem has no loss: give it one, such as loss=sk.VertexDistance(target).")
-        value, terms = assess(self.loss, equilibrium, self.actuation.on(self.mesh))
+        actuation = self.actuation.on(self.mesh)
+        check_loss(self.loss, equilibrium.mesh, actuation)
+        value, terms = assess(self.loss, equilibrium, actuation)
         return value, (terms, equilibrium)
 
     def evaluate(self) -> tuple[Scalar, dict[str, Scalar]]:

@@ -203,3 +203,27 @@ def test_a_problem_is_built_inside_transformations():
         assert np.isclose(jnp.vdot(gradients[k], direction), differences, rtol=1e-5), k
     mapped = jax.lax.map(lambda h: loss(at[0], at[1], h, *at[3:]), jnp.array([0.1, 0.12]))
     np.testing.assert_allclose(mapped[0], value, rtol=1e-10)
+
+
+class Lowest(sk.Loss):
+    """The height of some vertices, which must be there."""
+
+    chosen: jax.Array
+
+    def __call__(self, equilibrium, actuation):
+        return jnp.mean(equilibrium.vertices[self.chosen, 2])
+
+    def check(self, mesh, actuation):
+        if int(self.chosen.max()) >= mesh.n_vertices:
+            raise ValueError(f"Lowest: there is no vertex {int(self.chosen.max())}.")
+
+
+def test_a_loss_may_look_at_its_values():
+    """Where they are known; in a program they are traced."""
+    mesh = sk.meshes.icosphere(0)
+    energy = sk.StVenantKirchhoff(1.0, 1.0)
+    problem = sk.InverseProblem(mesh, 0.1, energy, sk.Nematic(jnp.zeros(mesh.n_faces), 1.1), Lowest(jnp.arange(3)))
+    value = problem.evaluate()[0]
+    assert np.isclose(float(eqx.filter_jit(lambda p: p.evaluate()[0])(problem)), float(value), rtol=1e-12)
+    with pytest.raises(ValueError, match="there is no vertex 12"):
+        eqx.tree_at(lambda p: p.loss.chosen, problem, jnp.arange(10, 13)).evaluate()
