@@ -60,7 +60,7 @@ def test_one_half_with_symmetry_bends_as_the_whole(directors, oblique):
     n = half.n_vertices
     on_plane = half.vertices[:, 0] < 1e-9
     # The mirror image shares the vertices on the plane; its faces run the other way round.
-    number = jnp.where(on_plane, jnp.arange(n), n + jnp.cumsum(~on_plane) - 1)
+    number = jnp.where(on_plane, jnp.arange(n), n + jnp.cumsum(~on_plane) - 1).astype(half.faces.dtype)
     mirrored = (half.vertices * jnp.array([-1.0, 1.0, 1.0]))[~on_plane]
     whole = sk.Mesh(
         jnp.concatenate([half.vertices, mirrored]), jnp.concatenate([half.faces, number[half.faces][:, ::-1]])
