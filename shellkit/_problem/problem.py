@@ -243,7 +243,9 @@ class InverseProblem(eqx.Module):
         - `start`: as when the problem is called.
         """
         bare, solver, begin = self.asked(start)
-        arguments = frozen((bare, solver, begin))
+        arguments = (bare, solver, begin)
+        if is_traced(arguments):
+            arguments = frozen(arguments)
         found = (in_turn(relax) if is_traced(arguments) else relax)(*arguments)
         if solver is self.solver or not found.stuck:
             return found

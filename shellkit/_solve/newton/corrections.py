@@ -78,8 +78,8 @@ class Corrections(eqx.Module):
     """
 
     papers: ClassVar[tuple[str, ...]] = (NOCEDAL_2006,)
-    contraction: float = 0.5
-    patience: float = 8.0  # a step costs as much as seven
+    contraction: float = eqx.field(static=True, default=0.5)
+    patience: float = eqx.field(static=True, default=8.0)  # a step costs as much as seven
     max_tries: int = eqx.field(static=True, default=24)
     memory: int = eqx.field(static=True, default=8)
 

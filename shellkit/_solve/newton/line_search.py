@@ -41,10 +41,10 @@ class LineSearch(eqx.Module):
     """
 
     papers: ClassVar[tuple[str, ...]] = (NOCEDAL_2006,)
-    armijo: float = 1e-4
-    noise: float = 64.0
-    floor: float = 1e-5
-    short: float = 0.2
+    armijo: float = eqx.field(static=True, default=1e-4)
+    noise: float = eqx.field(static=True, default=64.0)
+    floor: float = eqx.field(static=True, default=1e-5)
+    short: float = eqx.field(static=True, default=0.2)
     max_tries: int = eqx.field(static=True, default=40)
 
     def resolution(self, step: Step, unit: Scalar) -> Scalar:

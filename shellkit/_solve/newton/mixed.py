@@ -61,10 +61,10 @@ class MixedSteps(eqx.Module):
     """
 
     papers: ClassVar[tuple[str, ...]] = (MAGISANO_2017,)
-    narrow: float = 0.125
-    small: float = 1e-3
-    arrived: float = 1e-6
-    farthest: float = 1e3
+    narrow: float = eqx.field(static=True, default=0.125)
+    small: float = eqx.field(static=True, default=1e-3)
+    arrived: float = eqx.field(static=True, default=1e-6)
+    farthest: float = eqx.field(static=True, default=1e3)
     max_steps: int = eqx.field(static=True, default=15)
     max_attempts: int = eqx.field(static=True, default=3)
 

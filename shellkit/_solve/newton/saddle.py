@@ -41,10 +41,10 @@ class SaddleEscape(eqx.Module):
     """
 
     papers: ClassVar[tuple[str, ...]] = (KNYAZEV_2001,)
-    small: float = 1e-2
-    balance: float = 1e-6
-    slope: float = 1e-3
-    dependent: float = 1e-12
+    small: float = eqx.field(static=True, default=1e-2)
+    balance: float = eqx.field(static=True, default=1e-6)
+    slope: float = eqx.field(static=True, default=1e-3)
+    dependent: float = eqx.field(static=True, default=1e-12)
     inverse_iterations: int = eqx.field(static=True, default=8)
     eigenvalue_steps: int = eqx.field(static=True, default=16)
 

@@ -49,13 +49,13 @@ class Shift(eqx.Module):
     """
 
     papers: ClassVar[tuple[str, ...]] = (NOCEDAL_2006, GILL_1981, TERAN_2005)
-    smallest: float = 1e-4
-    largest: float = 1e8
-    growth: float = 4.0
-    decay: float = 0.1
-    half_convex: float = 1e-3
-    damping: float = 1e-6
-    near: float = 1e-2
+    smallest: float = eqx.field(static=True, default=1e-4)
+    largest: float = eqx.field(static=True, default=1e8)
+    growth: float = eqx.field(static=True, default=4.0)
+    decay: float = eqx.field(static=True, default=0.1)
+    half_convex: float = eqx.field(static=True, default=1e-3)
+    damping: float = eqx.field(static=True, default=1e-6)
+    near: float = eqx.field(static=True, default=1e-2)
     max_tries: int = eqx.field(static=True, default=8)
     first_stride: int = eqx.field(static=True, default=3)
 
