@@ -12,7 +12,6 @@ import shellkit as sk
 from shellkit._programs.tracing import known, with_parts
 from shellkit._relaxation.forward import relax
 from shellkit._relaxation.relaxed import Start
-from shellkit._solve.newton.plain import PlainNewton
 
 
 _compiled = []
@@ -119,7 +118,7 @@ def test_whoever_relaxes_uses_the_same_program(use, monkeypatch):
     problem = design(thickness=0.09)
     problem()
     # And the whole of the solver, in case that a start or a trial design needs it.
-    relax(with_parts(problem, loss=None), problem.solver, Start.of(problem.mesh, problem.assembly, None))
+    relax(with_parts(problem, loss=None), Start.of(problem.mesh, problem.assembly, None), False)
     monkeypatch.setattr(forward, "minimised", lambda *parts: traced.append(1) or minimised(*parts))
     jax.block_until_ready(use(problem))
     assert traced == []
@@ -128,13 +127,13 @@ def test_whoever_relaxes_uses_the_same_program(use, monkeypatch):
 def test_the_relaxation_is_a_small_program():
     problem = design(loss=None)
     start = Start.of(problem.mesh, problem.assembly, None)
-    assert lines(relax, problem, PlainNewton(problem.solver), start) <= 5000
+    assert lines(relax, problem, start, True) <= 5000
 
 
 def test_each_kernel_stands_once_in_a_relaxation():
     """Arc tangents are taken of hinge angles only: at rest, for a step, for a trial, and at the end."""
     problem = design(loss=None)
     start = Start.of(problem.mesh, problem.assembly, None)
-    text = relax.lower(problem, PlainNewton(problem.solver), start).as_text()
+    text = relax.lower(problem, start, True).as_text()
     assert text.count("stablehlo.atan2") + text.count("chlo.atan2") == 4
     assert text.count("stablehlo.while") <= 6

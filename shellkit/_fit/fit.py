@@ -126,7 +126,8 @@ def fit(
                     stopped = tried
                     break
                 history.append(loop.row(run, tried, history, earlier + time.perf_counter() - began))
-                info = loop.info(run, tried, steps, history)
+                # Nobody is told anything that nobody asked for: putting a problem together takes its time.
+                info: Any = loop.info(run, tried, steps, history) if functions or told else None
                 answers = [bool(callback(info)) for callback in functions]
                 run = loop.after(run, tried, history)
                 reasons = [reason for tell in told if (reason := tell(info)) is not None]

@@ -25,7 +25,6 @@ from .._solve.linear.base import AbstractSparseSolver
 from .._solve.linear.choose import default_linear_solver
 from .._solve.matrices.operator import SparseSymmetric
 from .._solve.newton.newton import SparseNewton
-from .._solve.newton.plain import PlainNewton
 from .._supports import Supports
 from .checks import check_constraints, check_loss, check_one_curvature, checked_thickness, refuse_held_moments
 from .origin import Origin
@@ -242,31 +241,26 @@ class InverseProblem(eqx.Module):
 
         - `start`: as when the problem is called.
         """
-        bare, solver, begin = self.asked(start)
-        arguments = (bare, solver, begin)
-        if is_traced(arguments):
-            arguments = frozen(arguments)
-        found = (in_turn(relax) if is_traced(arguments) else relax)(*arguments)
-        if solver is self.solver or not found.stuck:
-            return found
-        after = Start(found.pose.unknowns, None)
-        return relax(bare, self.solver, after).after(found.found)
+        bare, begin, plain = self.asked(start)
+        if plain:
+            found = relax(bare, begin, True)
+            return relax(bare, found.start, False).after(found.found) if found.stuck else found
+        arguments = frozen((bare, begin))
+        return (in_turn(relax) if is_traced(arguments) else relax)(*arguments, False)
 
-    def asked(self, start: Equilibrium | Start | None = None) -> tuple["InverseProblem", optx.AbstractMinimiser, Start]:
-        """What the program of a relaxation is handed: the problem without its loss, which has no part in it; the
-        solver, or as much of it as will do at first; and where to begin.
+    def asked(self, start: Equilibrium | Start | None = None) -> tuple["InverseProblem", Start, bool]:
+        """What the program of a relaxation is handed: the problem without its loss, which has no part in it; where to
+        begin; and whether plain steps will do at first.
 
         **Arguments:**
 
         - `start`: as when the problem is called.
         """
         self.origin.check(self.mesh, self.energy, self.supports)
-        bare, begin, solver = with_parts(self, loss=None), Start.of(self.mesh, self.assembly, start), self.solver
-        on_its_own = not is_traced((bare, begin)) and not is_tracing()
-        if on_its_own and isinstance(solver, SparseNewton) and begin.multipliers is None:
-            # Few relaxations need all that it can do, which takes long to compile: they go on with it.
-            solver = PlainNewton(solver)
-        return bare, solver, begin
+        bare, begin = with_parts(self, loss=None), Start.of(self.mesh, self.assembly, start)
+        # Few relaxations need all that the solver can do, which takes long to compile: they go on with it.
+        plain = isinstance(self.solver, SparseNewton) and begin.multipliers is None
+        return bare, begin, plain and not is_traced((bare, begin)) and not is_tracing()
 
     def responding(self, found: Relaxed) -> Equilibrium:
         """The equilibrium that was found, as a function of every array of the problem: with its derivative there.

@@ -21,7 +21,7 @@ def is_traced(tree: Any) -> bool:
 
 def is_tracing() -> bool:
     """Whether a program is being traced, of whatever arguments: all that is worked out becomes a part of it."""
-    return isinstance(jax.device_put(_NUMBER), Tracer)
+    return isinstance(jax.lax.stop_gradient(_NUMBER), Tracer)
 
 
 def frozen(tree: Tree) -> Tree:

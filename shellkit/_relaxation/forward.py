@@ -24,6 +24,7 @@ from .._rest import RestShape
 from .._solve.adjoint import MANY, differentiable_minimum
 from .._solve.linear.bordered import BorderedSolver
 from .._solve.newton.newton import SparseNewton
+from .._solve.newton.plain import PlainNewton
 from .._solve.response import responding_minimum
 from .augmented_lagrangian import Stationary, differentiable_constrained, padded
 from .minimise import FOLDED, End, minimised, minimised_constrained
@@ -32,15 +33,22 @@ from .rigid_modes import RigidModes
 
 
 @program(FAST)
-def relax(problem: Any, solver: optx.AbstractMinimiser, start: Start) -> Relaxed:
-    """The relaxation of a problem: the only program with a loop over steps, for all problems of a kind."""
+def relax(problem: Any, start: Start, plain: bool) -> Relaxed:
+    """The relaxation of a problem: the only program with a loop over steps, for all problems of a kind.
+
+    **Arguments:**
+
+    - `problem`: without its loss.
+    - `start`: where to begin.
+    - `plain`: whether with no more of [`shellkit.SparseNewton`][] than its plain steps, which compiles far faster.
+    """
     announce("the relaxation of this kind of scene")
     rest = problem.rest_shape()
     energy = problem.energy_of(rest)
     y0 = problem.assembly.dofs.gather(start.unknowns)
     motions = problem.rigid_modes(energy)
     length = jnp.mean(edge_lengths(problem.mesh.vertices, problem.mesh))
-    linear_solver = problem.linear_solver()
+    linear_solver, solver = problem.linear_solver(), PlainNewton(problem.solver) if plain else problem.solver
     multipliers = last = None
     if energy.constraints is None:
         end = minimised(energy, y0, motions, length, solver, linear_solver, problem.step_limit())

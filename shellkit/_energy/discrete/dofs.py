@@ -65,10 +65,9 @@ class DofMap(eqx.Module):
 
     def complete(self, unknowns: Unknowns) -> Unknowns:
         """The same fields, with zeros for those that are absent, and none that the scene does not have."""
-        directors = None
-        if self.n_directors:
-            directors = known(np.zeros(self.n_directors)) if unknowns.directors is None else unknowns.directors
-        return Unknowns(unknowns.vertices, directors)
+        if (unknowns.directors is not None) == (self.n_directors > 0):
+            return unknowns
+        return Unknowns(unknowns.vertices, known(np.zeros(self.n_directors)) if self.n_directors else None)
 
     def pack(self, unknowns: Unknowns) -> Float[Array, " N"]:
         """The vector of all unknowns; the inverse of `unpack`."""
